@@ -1,0 +1,1 @@
+"""Car following, platoon prediction and the disturbance cost, as pure functions on tensors."""
