@@ -1,7 +1,8 @@
 """What one driven episode leaves behind: plain arrays, for metrics and pictures.
 
-A simulator takes part by offering the three small methods of :class:`Recordable`. Nothing here knows
-which simulator that is, so every picture of :mod:`haim_torchrl.evaluation.pictures` works for any.
+A simulator takes part by offering the three small methods of :class:`Recordable`. Nothing here
+knows which simulator that is, so every picture of :mod:`haim_torchrl.evaluation.pictures` works for
+any.
 """
 
 from __future__ import annotations
