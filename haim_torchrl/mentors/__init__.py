@@ -1,0 +1,19 @@
+"""Who can take over: rule-based drivers, trained policies, people."""
+
+from haim_torchrl.mentors.policy import PolicyMentor
+from haim_torchrl.mentors.protocol import (
+    DensityMentor,
+    Mentor,
+    MentorFactory,
+    RequestingMentor,
+)
+from haim_torchrl.mentors.scripted import FunctionMentor
+
+__all__ = [
+    "DensityMentor",
+    "FunctionMentor",
+    "Mentor",
+    "MentorFactory",
+    "PolicyMentor",
+    "RequestingMentor",
+]
