@@ -104,9 +104,18 @@ class EpisodeMeter:
         """Forget an unfinished episode and begin the next."""
         self._labels = labels
         self._sums = dict.fromkeys(
-            ("steps", "reward", "cost", "speed", "disturbance", "disturbance_onset",
-             "disturbance_cost", "intervention"), 0.0
-        )  # fmt: skip
+            (
+                "steps",
+                "reward",
+                "cost",
+                "speed",
+                "disturbance",
+                "disturbance_onset",
+                "disturbance_cost",
+                "intervention",
+            ),
+            0.0,
+        )
         self._takeovers: list[int] = []
         self._driving = False
 
@@ -227,8 +236,8 @@ def summarise(records: Sequence[EpisodeRecord], level: float = 0.95) -> Summary:
 
     The disturbance rate is the share of steps with the hard-brake flag, comparable with the
     paper's, and the onsets per km stand beside it because one long brake counts as one disturbance
-    there (decision 14). The takeover rate is the share of mentor-driven steps (decision 15). A safety
-    violation is one collision event (decision 16).
+    there (decision 14). The takeover rate is the share of mentor-driven steps (decision 15). A
+    safety violation is one collision event (decision 16).
 
     Args:
         records: Finished episodes.
