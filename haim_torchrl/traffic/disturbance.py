@@ -16,6 +16,7 @@ from haim_torchrl.traffic.kernels import idm_constants, idm_mean_speed
 from haim_torchrl.traffic.platoon import (
     DEFAULT_MODEL,
     as_platoon,
+    check_max_speed,
     count_steps,
     rollout_platoon,
 )
@@ -113,31 +114,9 @@ def mean_follower_speed(
     Raises:
         ValueError: if shapes or times do not fit.
     """
-    state = as_platoon(gaps, speeds, lead_speed, lead_acceleration)
-    if isinstance(model, IDMParameters) and _compiled_loop_applies(state):
-        steps, held_steps = count_steps(duration, time_step, hold)
-        gap, speed, lead, pulse = (part.detach().reshape(-1, part.shape[-1]) for part in state)
-        means = idm_mean_speed(
-            gap.numpy(),
-            speed.numpy(),
-            lead[:, 0].numpy(),
-            pulse[:, 0].numpy(),
-            steps,
-            held_steps,
-            float(time_step),
-            float(max_speed),
-            idm_constants(model),
-        )
-        return torch.from_numpy(means).to(state[0].dtype).reshape(*state[0].shape[:-1], 1)
-    trajectory = rollout_platoon(
-        *state,
-        duration=duration,
-        time_step=time_step,
-        hold=hold,
-        model=model,
-        max_speed=max_speed,
-    )
-    return trajectory.speeds.mean(dim=(-2, -1)).unsqueeze(-1)
+    gap, speed, lead, pulse = as_platoon(gaps, speeds, lead_speed, lead_acceleration)
+    pulses = pulse.unsqueeze(0)
+    return _mean_speeds(gap, speed, lead, pulses, duration, time_step, hold, model, max_speed)[0]
 
 
 def disturbance_cost(
@@ -204,23 +183,12 @@ def disturbance_cost(
             f"{reference!r}."
         )
     gap, speed, lead, pulse = as_platoon(gaps, speeds, lead_speed, lead_acceleration)
+    pulses = pulse.unsqueeze(0)
     if reference == "counterfactual":
-        pulse = torch.stack([pulse, torch.zeros_like(pulse)])  # both predictions in one
-    predicted = mean_follower_speed(
-        gap,
-        speed,
-        lead,
-        pulse,
-        duration=duration,
-        time_step=time_step,
-        hold=hold,
-        model=model,
-        max_speed=max_speed,
-    )
-    if reference == "counterfactual":
-        predicted, compared = predicted.unbind(0)
-    else:
-        compared = speed.mean(dim=-1, keepdim=True)
+        pulses = torch.stack([pulse, torch.zeros_like(pulse)])
+    means = _mean_speeds(gap, speed, lead, pulses, duration, time_step, hold, model, max_speed)
+    predicted = means[0]
+    compared = means[1] if reference == "counterfactual" else speed.mean(dim=-1, keepdim=True)
     loss_of_speed = compared - predicted
     if reference == "literal":
         return -torch.expm1(loss_of_speed)
@@ -235,10 +203,57 @@ def _check_threshold(threshold: float) -> None:
         )
 
 
-def _compiled_loop_applies(state: tuple[Tensor, ...]) -> bool:
+def _mean_speeds(
+    gap: Tensor,
+    speed: Tensor,
+    lead: Tensor,
+    pulses: Tensor,
+    duration: float,
+    time_step: float,
+    hold: float | None,
+    model: CarFollowingModel,
+    max_speed: float,
+) -> Tensor:
+    """:func:`mean_follower_speed` of a checked state for P accelerations of the AV at once.
+
+    ``pulses`` and the result are [P, ..., 1].
+    """
+    if not (isinstance(model, IDMParameters) and _compiled_loop_applies(gap, speed, lead, pulses)):
+        trajectory = rollout_platoon(
+            gap,
+            speed,
+            lead,
+            pulses,
+            duration=duration,
+            time_step=time_step,
+            hold=hold,
+            model=model,
+            max_speed=max_speed,
+        )
+        return trajectory.speeds.mean(dim=(-2, -1)).unsqueeze(-1)
+    steps, held_steps = count_steps(duration, time_step, hold)
+    check_max_speed(max_speed)
+    followers = gap.shape[-1]
+    means = idm_mean_speed(
+        gap.detach().reshape(-1, followers).numpy(),
+        speed.detach().reshape(-1, followers).numpy(),
+        lead.detach().reshape(-1).numpy(),
+        pulses.detach().reshape(pulses.shape[0], -1).numpy(),
+        steps,
+        held_steps,
+        float(time_step),
+        float(max_speed),
+        idm_constants(model),
+    )
+    return torch.from_numpy(means).to(gap.dtype).view(pulses.shape)
+
+
+def _compiled_loop_applies(gap: Tensor, speed: Tensor, lead: Tensor, pulses: Tensor) -> bool:
     """Whether NumPy can see these tensors and nobody will ask for their gradient."""
-    if torch.compiler.is_compiling() or state[0].dtype not in (torch.float32, torch.float64):
+    if not gap.is_cpu or gap.dtype not in (torch.float32, torch.float64):
         return False
-    if torch.is_grad_enabled() and any(part.requires_grad for part in state):
+    if torch.is_grad_enabled() and (
+        gap.requires_grad or speed.requires_grad or lead.requires_grad or pulses.requires_grad
+    ):
         return False
-    return all(part.device.type == "cpu" for part in state)
+    return not torch.compiler.is_compiling()

@@ -92,7 +92,7 @@ def idm_mean_speed(
         gaps: [B, N], m.
         speeds: [B, N], m/s.
         lead_speeds: [B], m/s.
-        lead_accelerations: [B], m/s^2.
+        lead_accelerations: [P, B], m/s^2: P predictions for each platoon.
         steps: number of time steps.
         held_steps: in how many of them the AV holds its acceleration.
         time_step: s.
@@ -100,15 +100,17 @@ def idm_mean_speed(
         constants: from :func:`idm_constants`.
 
     Returns:
-        [B], m/s.
+        [P, B], m/s.
     """
-    platoons, followers = gaps.shape
-    mean_speeds = np.empty(platoons)
+    predictions, platoons = lead_accelerations.shape
+    followers = gaps.shape[1]
+    mean_speeds = np.empty((predictions, platoons))
     gap = np.empty(followers)
     speed = np.empty(followers + 1)  # the AV first
     new_speed = np.empty(followers + 1)
     touches = np.zeros(followers, dtype=np.bool_)
-    for platoon in range(platoons):
+    for index in range(predictions * platoons):
+        prediction, platoon = divmod(index, platoons)
         speed[0] = lead_speeds[platoon]
         total = 0.0
         for i in range(followers):
@@ -123,7 +125,7 @@ def idm_mean_speed(
                         speed[i], gap[i - 1], speed[i - 1], constants
                     )
                 elif step < held_steps:
-                    acceleration = float(lead_accelerations[platoon])
+                    acceleration = float(lead_accelerations[prediction, platoon])
                 else:
                     acceleration = 0.0
                 unlimited = speed[i] + acceleration * time_step
@@ -143,5 +145,5 @@ def idm_mean_speed(
             for i in range(1, followers + 1):
                 speed[i] = min(new_speed[i], new_speed[i - 1]) if touches[i - 1] else new_speed[i]
                 total += speed[i]
-        mean_speeds[platoon] = total / (followers * (steps + 1))
+        mean_speeds[prediction, platoon] = total / (followers * (steps + 1))
     return mean_speeds

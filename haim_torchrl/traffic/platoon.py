@@ -72,6 +72,12 @@ def count_steps(duration: float, time_step: float, hold: float | None) -> tuple[
     return steps, round(hold / time_step)
 
 
+def check_max_speed(max_speed: float) -> None:
+    """Raise a ValueError unless ``max_speed`` (m/s) is positive; ``math.inf`` is."""
+    if not max_speed > 0:
+        raise ValueError(f"max_speed must be more than 0 m/s, got {max_speed!r}.")
+
+
 def as_platoon(
     gaps: Tensor, speeds: Tensor, lead_speed: Tensor | float, lead_acceleration: Tensor | float
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -110,9 +116,10 @@ def as_platoon(
                 f"shape {tuple(lead.shape)}; add the last dimension with unsqueeze(-1)."
             )
         parts.append(lead.to(dtype))
-    batch = torch.broadcast_shapes(*(part.shape[:-1] for part in parts))
-    gap, speed, lead, pulse = (part.expand(*batch, part.shape[-1]) for part in parts)
-    return gap, speed, lead, pulse
+    if len({part.shape[:-1] for part in parts}) > 1:
+        batch = torch.broadcast_shapes(*(part.shape[:-1] for part in parts))
+        parts = [part.expand(*batch, part.shape[-1]) for part in parts]
+    return parts[0], parts[1], parts[2], parts[3]
 
 
 def advance(
@@ -186,8 +193,7 @@ def rollout_platoon(
         ValueError: if shapes or times do not fit.
     """
     steps, held_steps = count_steps(duration, time_step, hold)
-    if not max_speed > 0:
-        raise ValueError(f"max_speed must be more than 0 m/s, got {max_speed!r}.")
+    check_max_speed(max_speed)
     gap, speed, lead, pulse = as_platoon(gaps, speeds, lead_speed, lead_acceleration)
     lead_position, no_pulse = torch.zeros_like(lead), torch.zeros_like(pulse)
     vehicles = torch.cat([lead, speed], dim=-1)  # the AV first
