@@ -1,0 +1,15 @@
+"""Networks of the agent: the policy, the critics, the entropy temperature."""
+
+from haim_torchrl.modules.actor import ActorMLP, make_actor
+from haim_torchrl.modules.critic import EnsembleLayerNorm, EnsembleMLP, make_critic
+from haim_torchrl.modules.temperature import Temperature, as_temperature
+
+__all__ = [
+    "ActorMLP",
+    "EnsembleLayerNorm",
+    "EnsembleMLP",
+    "Temperature",
+    "as_temperature",
+    "make_actor",
+    "make_critic",
+]
