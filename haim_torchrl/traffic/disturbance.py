@@ -189,11 +189,11 @@ def disturbance_cost(
     means = _mean_speeds(gap, speed, lead, pulses, duration, time_step, hold, model, max_speed)
     predicted = means[0]
     compared = means[1] if reference == "counterfactual" else speed.mean(dim=-1, keepdim=True)
-    loss_of_speed = compared - predicted
+    change = predicted - compared
     if reference == "literal":
-        return -torch.expm1(loss_of_speed)
-    below_one = 1.0 - 0.5 * torch.finfo(loss_of_speed.dtype).eps
-    return -torch.expm1(-loss_of_speed.clamp(min=0.0)).clamp(max=below_one)
+        return -torch.expm1(-change)
+    below_one = 1.0 - 0.5 * torch.finfo(change.dtype).eps  # what rounding would make 1
+    return torch.expm1(change.clamp(max=0.0)).abs().clamp(max=below_one)
 
 
 def _check_threshold(threshold: float) -> None:
@@ -235,25 +235,24 @@ def _mean_speeds(
     check_max_speed(max_speed)
     followers = gap.shape[-1]
     means = idm_mean_speed(
-        gap.detach().reshape(-1, followers).numpy(),
-        speed.detach().reshape(-1, followers).numpy(),
-        lead.detach().reshape(-1).numpy(),
-        pulses.detach().reshape(pulses.shape[0], -1).numpy(),
+        gap.reshape(-1, followers).numpy(force=True),
+        speed.reshape(-1, followers).numpy(force=True),
+        lead.reshape(-1).numpy(force=True),
+        pulses.reshape(pulses.shape[0], -1).numpy(force=True),
         steps,
         held_steps,
         float(time_step),
         float(max_speed),
         idm_constants(model),
     )
-    return torch.from_numpy(means).to(gap.dtype).view(pulses.shape)
+    return torch.from_numpy(means).view(pulses.shape)
 
 
 def _compiled_loop_applies(gap: Tensor, speed: Tensor, lead: Tensor, pulses: Tensor) -> bool:
     """Whether NumPy can see these tensors and nobody will ask for their gradient."""
     if not gap.is_cpu or gap.dtype not in (torch.float32, torch.float64):
         return False
-    if torch.is_grad_enabled() and (
-        gap.requires_grad or speed.requires_grad or lead.requires_grad or pulses.requires_grad
-    ):
+    differentiated = gap.requires_grad or speed.requires_grad or lead.requires_grad
+    if torch.is_grad_enabled() and (differentiated or pulses.requires_grad):
         return False
     return not torch.compiler.is_compiling()

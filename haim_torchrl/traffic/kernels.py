@@ -85,7 +85,7 @@ def idm_mean_speed(
     time_step: float,
     max_speed: float,
     constants: IDMConstants,
-) -> NDArray[np.float64]:
+) -> NDArray[np.floating]:
     """Mean speed of the followers over the prediction, the given state included (eq. 8).
 
     Args:
@@ -100,11 +100,11 @@ def idm_mean_speed(
         constants: from :func:`idm_constants`.
 
     Returns:
-        [P, B], m/s.
+        [P, B], m/s, of the type of ``gaps``; summed in double precision.
     """
     predictions, platoons = lead_accelerations.shape
     followers = gaps.shape[1]
-    mean_speeds = np.empty((predictions, platoons))
+    mean_speeds = np.empty((predictions, platoons), dtype=gaps.dtype)
     gap = np.empty(followers)
     speed = np.empty(followers + 1)  # the AV first
     new_speed = np.empty(followers + 1)
@@ -139,7 +139,9 @@ def idm_mean_speed(
                     contact_gap = min(gap[i - 1], 0.0)
                     gap[i - 1] += way_ahead - way
                     touches[i - 1] = gap[i - 1] < contact_gap
-                    gap[i - 1] = max(gap[i - 1], contact_gap)
+                    if touches[i - 1]:  # held back by the predecessor
+                        way -= contact_gap - gap[i - 1]
+                        gap[i - 1] = contact_gap
                 way_ahead = way
             speed[0] = new_speed[0]
             for i in range(1, followers + 1):

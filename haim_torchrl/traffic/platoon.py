@@ -106,16 +106,17 @@ def as_platoon(
     dtype = torch.promote_types(gaps.dtype, speeds.dtype)
     if not dtype.is_floating_point:
         dtype = torch.get_default_dtype()
-    parts = [gaps.to(dtype), speeds.to(dtype)]
+    parts = [gaps, speeds]
     for name, lead in (("lead_speed", lead_speed), ("lead_acceleration", lead_acceleration)):
         if not isinstance(lead, Tensor) or lead.ndim == 0:
-            lead = torch.as_tensor(lead, device=gaps.device).reshape(1)
+            lead = torch.as_tensor(lead, dtype=dtype, device=gaps.device).reshape(1)
         elif lead.shape[-1] != 1:
             raise ValueError(
                 f"{name} must be a number or a tensor [..., 1], one value for each platoon, got "
                 f"shape {tuple(lead.shape)}; add the last dimension with unsqueeze(-1)."
             )
-        parts.append(lead.to(dtype))
+        parts.append(lead)
+    parts = [part if part.dtype == dtype else part.to(dtype) for part in parts]
     if len({part.shape[:-1] for part in parts}) > 1:
         batch = torch.broadcast_shapes(*(part.shape[:-1] for part in parts))
         parts = [part.expand(*batch, part.shape[-1]) for part in parts]
@@ -146,6 +147,28 @@ def advance(
     stopping_way = speed.square() / (-2.0 * acceleration).clamp(min=smallest)
     ballistic_way = (0.5 * time_step) * (speed + new_speed)
     return new_speed, torch.where(unlimited < 0.0, stopping_way, ballistic_way)
+
+
+def _keep_apart(gap: Tensor, new_gap: Tensor) -> tuple[Tensor, Tensor]:
+    """Hold back followers that would get into their predecessor during a step.
+
+    A follower that lacks room is held back by what it lacks, and that much less room has the one
+    behind it: h_i = max(0, h_(i-1) + lack_i), solved for all followers at once. Without contact h
+    is exactly 0.
+
+    Args:
+        gap: [..., N] before the step, m.
+        new_gap: [..., N] as the vehicles would drive freely, m.
+
+    Returns:
+        The gaps [..., N], none below 0 (or below ``gap``, where that was negative), and which
+        followers touch, bool [..., N].
+    """
+    contact_gap = gap.clamp(max=0.0)
+    total_lack = (contact_gap - new_gap).cumsum(dim=-1)
+    held_back = total_lack - total_lack.cummin(dim=-1).values.clamp(max=0.0)
+    held_back_ahead = torch.nn.functional.pad(held_back[..., :-1], (1, 0))
+    return torch.maximum(new_gap + held_back - held_back_ahead, contact_gap), held_back > 0.0
 
 
 def rollout_platoon(
@@ -203,12 +226,10 @@ def rollout_platoon(
         response = model(vehicles[..., 1:], gap, vehicles[..., :-1])
         acceleration = torch.cat([pulse if step < held_steps else no_pulse, response], dim=-1)
         vehicles, way = advance(vehicles, acceleration, time_step, max_speed)
-        contact_gap = gap.clamp(max=0.0)
-        gap = gap + way[..., :-1] - way[..., 1:]
+        gap, touches = _keep_apart(gap, gap + way[..., :-1] - way[..., 1:])
         pushed_speed = torch.minimum(vehicles[..., 1:], vehicles[..., :-1])
-        own_speed = torch.where(gap < contact_gap, pushed_speed, vehicles[..., 1:])
+        own_speed = torch.where(touches, pushed_speed, vehicles[..., 1:])
         vehicles = torch.cat([vehicles[..., :1], own_speed], dim=-1)
-        gap = torch.maximum(gap, contact_gap)
         lead_position = lead_position + way[..., :1]
         all_speeds.append(vehicles)
         all_gaps.append(gap)
