@@ -1,1 +1,51 @@
 """Loss modules, one per term of HAIM-DRL, and the formulas that they stand on."""
+
+from haim_torchrl.objectives.actor import ActorLoss, WeightedCritic
+from haim_torchrl.objectives.build import build_loss
+from haim_torchrl.objectives.composite import HAIMLoss
+from haim_torchrl.objectives.cost import (
+    CostCriticLoss,
+    ExplicitInterventionLoss,
+    ImplicitInterventionLoss,
+)
+from haim_torchrl.objectives.forward_pass import ForwardPass
+from haim_torchrl.objectives.optimization import (
+    NonFiniteLossError,
+    UpdateStep,
+    check_finite,
+    make_optimizer,
+)
+from haim_torchrl.objectives.preference import (
+    BoundedPreferenceLoss,
+    LinearPreferenceLoss,
+    PreferenceTerm,
+)
+from haim_torchrl.objectives.proxy import ProxyQLoss
+from haim_torchrl.objectives.target import TargetUpdater
+from haim_torchrl.objectives.temperature import TemperatureLoss
+from haim_torchrl.objectives.temporal_difference import TemporalDifferenceTerm
+from haim_torchrl.objectives.term import CriticTerm, LossTerm
+
+__all__ = [
+    "ActorLoss",
+    "BoundedPreferenceLoss",
+    "CostCriticLoss",
+    "CriticTerm",
+    "ExplicitInterventionLoss",
+    "ForwardPass",
+    "HAIMLoss",
+    "ImplicitInterventionLoss",
+    "LinearPreferenceLoss",
+    "LossTerm",
+    "NonFiniteLossError",
+    "PreferenceTerm",
+    "ProxyQLoss",
+    "TargetUpdater",
+    "TemperatureLoss",
+    "TemporalDifferenceTerm",
+    "UpdateStep",
+    "WeightedCritic",
+    "build_loss",
+    "check_finite",
+    "make_optimizer",
+]
