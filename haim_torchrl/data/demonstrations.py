@@ -8,8 +8,10 @@ from typing import Any, Protocol
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.envs.utils import step_mdp
+
+from haim_torchrl.transforms.worker import simulator_of
 
 
 class Demonstrator(Protocol):
@@ -32,7 +34,7 @@ def record_demonstrations(
     *,
     seed: int = 0,
     observation_keys: Sequence[str] = ("observation",),
-    simulator: Callable[[EnvBase], Any] = lambda env: env.base_env._env.unwrapped,
+    simulator: Callable[[EnvBase], Any] | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> TensorDict:
     """Let a mentor drive scenarios in random order and keep what it saw and did.
@@ -44,7 +46,8 @@ def record_demonstrations(
         scenarios: Seeds to draw from; each is driven once before any is driven again.
         seed: Seed of the order.
         observation_keys: What of the state is kept.
-        simulator: Finds the simulator in the environment.
+        simulator: Finds the simulator in the base environment; by default the unwrapped gym
+            environment, or the base environment itself if it wraps none.
         on_step: Called with the number of steps so far.
 
     Returns:
@@ -61,11 +64,14 @@ def record_demonstrations(
     generator = torch.Generator().manual_seed(seed)
     rows: list[TensorDict] = []
     env = make_env()
+    base = env
+    while isinstance(base, TransformedEnv):
+        base = base.base_env
+    world = (simulator or simulator_of)(base)
     try:
         while len(rows) < steps:
             for index in torch.randperm(len(scenarios), generator=generator).tolist():
                 state = env.reset(seed=int(scenarios[index]))
-                world = simulator(env)
                 mentor.reset(world)
                 finished = False
                 while not finished and len(rows) < steps:

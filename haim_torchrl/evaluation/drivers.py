@@ -12,8 +12,10 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from haim_torchrl.transforms.worker import simulator_of as simulator_inside
 
 
 class Driver(Protocol):
@@ -100,15 +102,13 @@ def simulator_of(env: EnvBase) -> Any:
     """The simulator under a TorchRL environment's transforms and wrappers.
 
     Raises:
-        TypeError: If there is none in this process, as with ``ParallelEnv``.
+        TypeError: If there is none in this process, as with ``ParallelEnv``, or several.
     """
-    inner: Any = env
-    while hasattr(inner, "base_env"):
-        inner = inner.base_env
-    wrapped = getattr(inner, "_env", None)
-    if wrapped is None:
+    while isinstance(env, TransformedEnv):
+        env = env.base_env
+    if env.batch_size:
         raise TypeError(
-            f"{type(inner).__name__} has no simulator in this process; "
-            "evaluate with an environment that wraps one simulator"
+            f"{type(env).__name__} with batch size {tuple(env.batch_size)} stands for several "
+            "simulators; evaluate with an environment around one"
         )
-    return getattr(wrapped, "unwrapped", wrapped)
+    return simulator_inside(env)

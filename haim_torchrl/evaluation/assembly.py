@@ -1,0 +1,273 @@
+"""From settings to parts: environments, the loss around one actor, loggers."""
+
+from __future__ import annotations
+
+import inspect
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+from tensordict.nn import TensorDictModule
+from torchrl.envs import EnvBase, TransformedEnv
+from torchrl.modules import ProbabilisticActor
+
+from haim_torchrl.evaluation.config import (
+    ConfigError,
+    ScenarioSet,
+    check_config,
+    find_device,
+    plain,
+    scenario_set,
+)
+from haim_torchrl.evaluation.drivers import (
+    Driver,
+    PolicyDriver,
+    RandomDriver,
+    StraightDriver,
+)
+from haim_torchrl.evaluation.training_log import ScalarLogger
+from haim_torchrl.modules import Temperature
+from haim_torchrl.objectives import ActorLoss, HAIMLoss, TemporalDifferenceTerm
+from haim_torchrl.transforms import InterventionTransform
+
+
+def build(node: Any, *args: Any, **kwargs: Any) -> Any:
+    """Instantiate a part from its settings.
+
+    Raises:
+        ConfigError: In one sentence, if the part refuses its settings or cannot be found.
+    """
+    contents = plain(node)
+    try:
+        return instantiate(contents, *args, _convert_="all", **kwargs)
+    except InstantiationException as error:
+        cause: BaseException = error
+        while cause.__cause__ is not None:
+            cause = cause.__cause__
+        target = contents.get("_target_", "?")
+        reason = cause.args[0] if isinstance(cause, KeyError) and cause.args else cause
+        text = " ".join(str(reason).split())
+        raise ConfigError(f"{target} cannot be built from its settings: {text}") from error
+
+
+def prepare(config: DictConfig) -> torch.device:
+    """Check the settings, seed everything random, and find the device.
+
+    Returns:
+        Where networks and updates compute.
+    """
+    check_config(config)
+    torch.set_num_threads(config.threads)
+    random.seed(config.seed)
+    np.random.seed(config.seed % 2**32)
+    torch.manual_seed(config.seed)
+    return find_device(config.device)
+
+
+@dataclass(frozen=True)
+class World:
+    """Builds environments; plain data, so that it travels to other processes.
+
+    Attributes:
+        env: Settings of the environment.
+        disturbance: Settings of the disturbance transform.
+        scenarios: Scenarios that resets draw from.
+        mentor: Settings of the mentor.
+        switch: Settings of the switch; None for an environment without takeovers.
+        takeover_cost: Cost of a takeover's first step, ``"cosine"`` or ``"constant"``.
+    """
+
+    env: Mapping[str, Any]
+    disturbance: Mapping[str, Any]
+    scenarios: ScenarioSet
+    mentor: Mapping[str, Any]
+    switch: Mapping[str, Any] | None = None
+    takeover_cost: Any = "cosine"
+
+    @classmethod
+    def of(cls, config: DictConfig, scenarios: str, *, takeovers: bool) -> World:
+        """The world of a run.
+
+        Args:
+            config: Settings of the run.
+            scenarios: ``"train"``, ``"validation"`` or ``"test"``.
+            takeovers: Whether the mentor may take over.
+        """
+        return cls(
+            env=plain(config.env),
+            disturbance=plain(config.loss.implicit.cost),
+            scenarios=scenario_set(config.eval[scenarios]),
+            mentor=plain(config.mentor),
+            switch=plain(config.switch) if takeovers else None,
+            takeover_cost=config.loss.explicit.cost,
+        )
+
+    def __call__(self) -> EnvBase:
+        """A new environment."""
+        chosen = {"start": self.scenarios.start, "count": self.scenarios.count}
+        env = TransformedEnv(build(self.env, scenarios=chosen))
+        if self.switch is not None:
+            env.append_transform(
+                InterventionTransform(
+                    partial(build, self.mentor),
+                    partial(build, self.switch),
+                    cost=self.takeover_cost,
+                )
+            )
+        env.append_transform(build(self.disturbance))
+        return env
+
+    def seeds(self) -> range:
+        """Seeds of its scenarios."""
+        return self.scenarios.seeds()
+
+    def without_mentor(self) -> World:
+        """The same world with nobody to take over."""
+        return replace(self, switch=None)
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What networks need to know of an environment.
+
+    Attributes:
+        observation: Size D of the observation.
+        action: Size A of the action.
+    """
+
+    observation: int
+    action: int
+
+    @classmethod
+    def of(cls, env: EnvBase) -> Sizes:
+        """Sizes of an environment."""
+        return cls(env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1])
+
+
+def build_actor(config: DictConfig, sizes: Sizes, device: torch.device) -> ProbabilisticActor:
+    """The one actor of a run."""
+    return build(config.actor)(sizes.observation, sizes.action, device=device)
+
+
+def build_loss(
+    settings: DictConfig,
+    actor: ProbabilisticActor,
+    make_critic: Callable[[], TensorDictModule],
+) -> HAIMLoss:
+    """The loss from its terms' settings.
+
+    Which terms there are is decided by the settings alone. A term is an entry with ``term``, a
+    partial that gets, by name, those of ``actor_network``, ``critic_network`` and ``temperature``
+    that it takes; terms that name the same ``critic`` share it. The actor's own term gets the
+    critics of all temporal-difference terms with the weights that these carry.
+
+    Args:
+        settings: The group ``loss``.
+        actor: The actor.
+        make_critic: Builds a fresh critic.
+
+    Raises:
+        ConfigError: If a term cannot be built, or takes a critic and names none.
+    """
+    temperature: Temperature = build(settings.entropy.temperature)
+    critics: dict[str, TensorDictModule] = {}
+    terms: dict[str, Any] = {}
+    actor_terms: dict[str, Any] = {}
+    for key, node in settings.items():
+        name = str(key)
+        if not OmegaConf.is_dict(node) or node.get("term") is None:
+            continue
+        make_term = build(node.term)
+        accepted = inspect.signature(make_term).parameters
+        given: dict[str, Any] = {}
+        if "actor_network" in accepted:
+            given["actor_network"] = actor
+        if "temperature" in accepted:
+            given["temperature"] = temperature
+        if "critic_network" in accepted:
+            critic = node.get("critic")
+            if critic is None:
+                raise ConfigError(
+                    f"loss.{name} takes a critic but names none; set loss.{name}.critic"
+                )
+            if critic not in critics:
+                critics[critic] = make_critic()
+            given["critic_network"] = critics[critic]
+        if "critics" in accepted:
+            actor_terms[name] = partial(make_term, **given)
+        else:
+            terms[name] = _build_term(name, partial(make_term, **given))
+    weighted = {
+        name: (term.critic_network, term.actor_weight, term.actor_reduction)
+        for name, term in terms.items()
+        if isinstance(term, TemporalDifferenceTerm)
+    }
+    for name, make_term in actor_terms.items():
+        terms[name] = _build_term(name, partial(make_term, critics=weighted))
+    if not any(isinstance(term, ActorLoss) for term in terms.values()):
+        raise ConfigError("loss.actor has no term, so that no policy would be learned; choose one")
+    try:
+        loss = HAIMLoss(terms)
+        loss.make_value_estimator(gamma=settings.gamma)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"loss: {error}") from error
+    return loss
+
+
+def _build_term(name: str, make_term: Callable[[], Any]) -> Any:
+    try:
+        return make_term()
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"loss.{name} cannot be built: {error}") from error
+
+
+def build_logger(config: DictConfig, folder: Path) -> ScalarLogger | None:
+    """The logger beside the CSV files, or None.
+
+    Raises:
+        ConfigError: If its package is not installed.
+    """
+    if not config.logger:
+        return None
+    make_logger = build(config.logger)
+    key = "log_dir" if "log_dir" in inspect.signature(make_logger).parameters else "save_dir"
+    try:
+        return make_logger(**{key: str(folder)})
+    except ImportError as error:
+        raise ConfigError(
+            f"the logger's package is missing ({error}); install it or use logger=csv"
+        ) from error
+
+
+def build_driver(name: str, actor: ProbabilisticActor | None, config: DictConfig) -> Driver:
+    """A driver by name.
+
+    Args:
+        name: ``policy``, ``policy+mentor``, ``mentor``, ``random`` or ``straight``.
+        actor: The policy; needed for the first two.
+        config: Settings of the run.
+
+    Raises:
+        ConfigError: If the name is unknown, or there is no policy.
+    """
+    if name in ("policy", "policy+mentor"):
+        if actor is None:
+            raise ConfigError(f"driver={name} needs a policy; give checkpoint=<run folder>")
+        return PolicyDriver(actor)
+    if name == "mentor":
+        return build(config.mentor)
+    if name == "random":
+        return RandomDriver(seed=config.seed)
+    if name == "straight":
+        return StraightDriver()
+    raise ConfigError(
+        f"driver must be policy, policy+mentor, mentor, random or straight; got {name}"
+    )

@@ -1,0 +1,251 @@
+"""Settings of a run: their types, and the checks that no type can make.
+
+The groups of ``conf/`` are typed by the functions and classes that their ``_target_`` names; the
+settings that stand outside the groups are typed by :class:`RunConfig`, against which Hydra checks
+every file and override.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, DictConfig, OmegaConf
+
+
+class ConfigError(ValueError):
+    """Settings that cannot work; the message names the key and what to change."""
+
+
+@dataclass
+class ScenarioSet:
+    """A range of scenario seeds.
+
+    Attributes:
+        start: First seed.
+        count: Number of scenarios.
+    """
+
+    start: int = MISSING
+    count: int = MISSING
+
+    def seeds(self) -> range:
+        """The seeds."""
+        return range(self.start, self.start + self.count)
+
+
+@dataclass
+class TrainConfig:
+    """How collecting and learning alternate.
+
+    Attributes:
+        batch_size: Transitions in an update.
+        updates_per_step: Updates per environment step; 0.5 is one update every other step.
+        learning_starts: Steps before the first update.
+        max_grad_norm: Bound of the gradient's norm over all parameters; null for none.
+        log_every: Steps between rows of ``train.csv``.
+        checkpoint_every: Steps between checkpoints; the environments are reset at each, so that a
+            resumed run sees what the uninterrupted one saw.
+        validate_every: Steps between validations; 0 for none.
+        no_takeover_after: Steps without any takeover after which the run stops (decision 18).
+    """
+
+    batch_size: int = 256
+    updates_per_step: float = 0.5
+    learning_starts: int = 100
+    max_grad_norm: float | None = None
+    log_every: int = 200
+    checkpoint_every: int = 5000
+    validate_every: int = 5000
+    no_takeover_after: int = 5000
+
+
+@dataclass
+class EvalConfig:
+    """Which scenarios measure what.
+
+    Attributes:
+        train: Scenarios that training draws from.
+        validation: Scenarios for choosing checkpoints and settings, never the test range
+            (decision 17).
+        test: Held-out scenarios for the final figures.
+        set: Which of the three ``recipes/evaluate.py`` drives.
+        checkpoint: ``best`` on validation or ``last``: what the final evaluation drives.
+        workers: Processes of the final evaluation.
+        level: Confidence level of the intervals.
+        pictures: Whether to draw pictures and the GIF at the end.
+    """
+
+    train: ScenarioSet = field(default_factory=ScenarioSet)
+    validation: ScenarioSet = field(default_factory=ScenarioSet)
+    test: ScenarioSet = field(default_factory=ScenarioSet)
+    set: str = "test"
+    checkpoint: str = "best"
+    workers: int = 1
+    level: float = 0.95
+    pictures: bool = True
+
+
+@dataclass
+class RunConfig:
+    """The settings of a run outside the groups, and the groups as they come.
+
+    Attributes:
+        name: Name of the run; its folder is ``runs/<name>/<date>``.
+        seed: Seed of everything random.
+        device: ``cpu``, ``cuda`` or ``auto``.
+        threads: Threads of torch in this process.
+        compile: Whether to compile the update; worth it for long runs only.
+        total_frames: Environment steps of training.
+        resume: Run folder or checkpoint to go on from; null for a new run.
+    """
+
+    name: str = MISSING
+    seed: int = 0
+    device: str = "cpu"
+    threads: int = 1
+    compile: bool = False
+    total_frames: int = 30_000
+    resume: str | None = None
+    env: dict[str, Any] = field(default_factory=dict)
+    mentor: dict[str, Any] = field(default_factory=dict)
+    switch: dict[str, Any] = field(default_factory=dict)
+    loss: dict[str, Any] = field(default_factory=dict)
+    replay: dict[str, Any] = field(default_factory=dict)
+    actor: dict[str, Any] = field(default_factory=dict)
+    critic: dict[str, Any] = field(default_factory=dict)
+    optimizer: dict[str, Any] = field(default_factory=dict)
+    collector: dict[str, Any] = field(default_factory=dict)
+    logger: dict[str, Any] = field(default_factory=dict)
+    train: TrainConfig = field(default_factory=TrainConfig)
+    eval: EvalConfig = field(default_factory=EvalConfig)
+
+
+def register_schemas() -> None:
+    """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
+    ConfigStore.instance().store(name="run_schema", node=RunConfig)
+
+
+def scenario_set(node: Any) -> ScenarioSet:
+    """A scenario set from its settings."""
+    return ScenarioSet(start=int(node.start), count=int(node.count))
+
+
+def check_scenarios(eval_config: Any) -> None:
+    """Refuse scenario sets that are empty or share a scenario.
+
+    A scenario that training or the choice of a checkpoint has seen is no test.
+
+    Raises:
+        ConfigError: With the names of the two sets.
+    """
+    sets = {name: scenario_set(eval_config[name]) for name in ("train", "validation", "test")}
+    for name, chosen in sets.items():
+        if chosen.count < 1 or chosen.start < 0:
+            raise ConfigError(
+                f"eval.{name} must have a start of at least 0 and a count of at least 1; got "
+                f"start {chosen.start} and count {chosen.count}"
+            )
+    for first, second in (("train", "test"), ("validation", "test"), ("train", "validation")):
+        a, b = sets[first], sets[second]
+        low, high = max(a.start, b.start), min(a.start + a.count, b.start + b.count)
+        if low < high:
+            raise ConfigError(
+                f"eval.{first} and eval.{second} share the scenarios {low} to {high - 1}; "
+                f"change eval.{first}.start or eval.{first}.count"
+            )
+
+
+def check_config(config: DictConfig) -> None:
+    """Refuse settings that contradict each other, before anything is built or written.
+
+    Raises:
+        ConfigError: With one sentence that names the key.
+    """
+    missing = OmegaConf.missing_keys(config)
+    if missing:
+        raise ConfigError(f"{sorted(missing)[0]} has no value; set it on the command line")
+    train = config.train
+    for key, low in (
+        ("batch_size", 1),
+        ("learning_starts", 0),
+        ("log_every", 1),
+        ("checkpoint_every", 1),
+        ("validate_every", 0),
+        ("no_takeover_after", 1),
+    ):
+        if train[key] < low:
+            raise ConfigError(f"train.{key} must be at least {low}; got {train[key]}")
+    if train.updates_per_step <= 0.0:
+        raise ConfigError(f"train.updates_per_step must be positive; got {train.updates_per_step}")
+    if config.threads < 1:
+        raise ConfigError(f"threads must be at least 1; got {config.threads}")
+    frames = int(config.collector.get("frames_per_batch", 1))
+    if not 1 <= frames <= config.total_frames:
+        raise ConfigError(
+            "collector.frames_per_batch must lie between 1 and total_frames "
+            f"({config.total_frames}); got {frames}"
+        )
+    if train.learning_starts >= config.total_frames:
+        raise ConfigError(
+            f"train.learning_starts ({train.learning_starts}) must be below total_frames "
+            f"({config.total_frames}), or nothing is ever learned"
+        )
+    capacity = config.replay.get("capacity")
+    if capacity is not None and capacity < train.batch_size:
+        raise ConfigError(
+            f"replay.capacity ({capacity}) must be at least train.batch_size ({train.batch_size})"
+        )
+    for key, allowed in (
+        ("checkpoint", ("best", "last")),
+        ("set", ("test", "validation", "train")),
+    ):
+        if config.eval[key] not in allowed:
+            raise ConfigError(
+                f"eval.{key} must be one of {', '.join(allowed)}; got {config.eval[key]}"
+            )
+    if not 0.0 < config.eval.level < 1.0:
+        raise ConfigError(f"eval.level must lie between 0 and 1; got {config.eval.level}")
+    if config.eval.checkpoint == "best" and train.validate_every == 0:
+        raise ConfigError(
+            "eval.checkpoint=best needs validations; set train.validate_every above 0 or "
+            "eval.checkpoint=last"
+        )
+    check_scenarios(config.eval)
+    find_device(config.device)
+
+
+@functools.cache
+def find_device(name: str) -> torch.device:
+    """The device called ``cpu``, ``cuda``, ``cuda:1`` or ``auto``.
+
+    Raises:
+        ConfigError: If there is no such device here.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError:
+        raise ConfigError(f"device must be cpu, cuda or auto; got {name}") from None
+    if device.type == "cuda" and (
+        not torch.cuda.is_available() or (device.index or 0) >= torch.cuda.device_count()
+    ):
+        raise ConfigError(f"device is {name} but torch finds no such GPU here; use device=cpu")
+    if device.type not in ("cpu", "cuda"):
+        raise ConfigError(f"device must be cpu, cuda or auto; got {name}")
+    return device
+
+
+def plain(config: Any) -> dict[str, Any]:
+    """A group's settings as plain Python values, interpolations resolved."""
+    contents = (
+        OmegaConf.to_container(config, resolve=True) if OmegaConf.is_config(config) else config
+    )
+    if not isinstance(contents, Mapping):
+        raise ConfigError(f"expected a group of settings; got {contents!r}")
+    return {str(key): value for key, value in contents.items()}
