@@ -10,6 +10,7 @@ from haim_torchrl.transforms.keys import (
     InterventionKeys,
     KeyEntry,
 )
+from haim_torchrl.transforms.random_state import SimulatorRandomState
 from haim_torchrl.transforms.transition import TakeoverToTransition
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "InterventionKeys",
     "InterventionTransform",
     "KeyEntry",
+    "SimulatorRandomState",
     "TakeoverToTransition",
     "check_intervention_specs",
 ]

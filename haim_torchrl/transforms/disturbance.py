@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.data.tensor_specs import Binary, Composite, Unbounded
 from torchrl.envs import Transform
 
@@ -67,15 +68,15 @@ class DisturbanceTransform(Transform):
         keys: DisturbanceKeys | None = None,
         **options: Any,
     ) -> None:
-        self_keys = keys or DisturbanceKeys()
-        super().__init__(in_keys=[], out_keys=list(self_keys.published))
+        keys = keys or DisturbanceKeys()
+        super().__init__(in_keys=[], out_keys=list(keys.published))
         if min_acceleration is not None and min_acceleration > threshold:
             raise ValueError(
                 f"threshold is {threshold} m/s², but the vehicle brakes with no more than "
                 f"{min_acceleration} m/s²: no disturbance could ever be seen. Raise the threshold "
                 "or widen the vehicle's acceleration range."
             )
-        self.keys = self_keys
+        self.keys = keys
         self.threshold = float(threshold)
         self.literal_onset = literal_onset
         self.options = {"reference": reference, "hold": hold, "duration": duration, **options}
@@ -84,18 +85,31 @@ class DisturbanceTransform(Transform):
         standing = torch.full((1,), 10.0)
         disturbance_cost(standing, standing, 10.0, 0.0, **self.options)
         hard_brake(standing, self.threshold)
-        self._has_flag = False
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         keys = self.keys
         acceleration = next_tensordict.get(keys.acceleration)
+        previous = tensordict.get(keys.acceleration)
+        if bool((torch.minimum(acceleration, previous) <= self.threshold).any()):
+            hard, onset, cost = self._charge(tensordict, next_tensordict, acceleration, previous)
+        else:  # nobody brakes: nearly every step
+            hard = torch.zeros_like(acceleration, dtype=torch.bool)
+            onset, cost = torch.zeros_like(hard), torch.zeros_like(acceleration)
+        next_tensordict.set(keys.disturbance, hard)
+        next_tensordict.set(keys.disturbance_onset, onset)
+        next_tensordict.set(keys.disturbance_cost, cost)
+        return next_tensordict
+
+    def _charge(
+        self,
+        tensordict: TensorDictBase,
+        next_tensordict: TensorDictBase,
+        acceleration: Tensor,
+        previous: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        keys = self.keys
         hard = hard_brake(acceleration, self.threshold)
-        onset = hard_brake_onset(
-            acceleration,
-            tensordict.get(keys.acceleration),
-            self.threshold,
-            literal=self.literal_onset,
-        )
+        onset = hard_brake_onset(acceleration, previous, self.threshold, literal=self.literal_onset)
         flag = next_tensordict.get(keys.intervention, None)
         if flag is not None:
             hard, onset = hard & ~flag, onset & ~flag
@@ -114,10 +128,7 @@ class DisturbanceTransform(Transform):
                 **self.options,
             )
             cost = torch.where(onset, predicted.to(cost.dtype), cost)
-        next_tensordict.set(keys.disturbance, hard)
-        next_tensordict.set(keys.disturbance_onset, onset)
-        next_tensordict.set(keys.disturbance_cost, cost)
-        return next_tensordict
+        return hard, onset, cost
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

@@ -1,0 +1,12 @@
+"""Collection of transitions by agent and mentor together."""
+
+from haim_torchrl.collectors.acting import ActingPolicy, as_acting_policy
+from haim_torchrl.collectors.mixed_policy import EnvFactory, make_collector, resume_collector
+
+__all__ = [
+    "ActingPolicy",
+    "EnvFactory",
+    "as_acting_policy",
+    "make_collector",
+    "resume_collector",
+]
