@@ -11,6 +11,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from tensordict.utils import NestedKey
 from torch import Tensor
+from torch.distributions import TransformedDistribution
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 
@@ -87,8 +88,8 @@ class PolicyMentor:
     def density(self, simulator: Any, tensordict: TensorDictBase, action: Tensor) -> float:
         """Density of ``action`` relative to that of the policy's deterministic action.
 
-        Cut at 1, which a squashed distribution can exceed: its density peaks elsewhere than at
-        the image of its location.
+        A squashed distribution is judged before squashing, where it has one peak: squashing piles
+        density up at the bounds, so that a wide policy would seem to like them best.
         """
         get_dist = getattr(self.policy, "get_dist", None)
         if get_dist is None:
@@ -96,9 +97,12 @@ class PolicyMentor:
                 f"the mentor's policy ({type(self.policy).__name__}) has no distribution: use "
                 "ProbabilitySwitch(kernel_only=True), which lays a kernel around its action."
             )
-        inputs = self._inputs(tensordict)
-        distribution = get_dist(inputs)
+        distribution = get_dist(self._inputs(tensordict))
         own = self.act(simulator, tensordict)
+        if isinstance(distribution, TransformedDistribution):
+            for squash in reversed(distribution.transforms):
+                own, action = squash.inv(own), squash.inv(action)
+            distribution = distribution.base_dist
         log_ratio = distribution.log_prob(action) - distribution.log_prob(own)
         return math.exp(min(0.0, float(log_ratio.sum())))
 
