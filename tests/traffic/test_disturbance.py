@@ -171,6 +171,15 @@ def test_compiled_loop_equals_the_tensor_path(platoon, hold, model):
     torch.testing.assert_close(compiled, expected, atol=1e-7, rtol=1e-7)
 
 
+def test_compiled_loop_slows_a_follower_that_touches():
+    # a driver who hardly brakes, 0.9 m behind a vehicle 10 m/s slower: in one step it would go
+    # about 1.46 m at -0.001*(15*10/2/0.9)^2 = -6.9 m/s^2, and has 0.9 + 0.5 m: 15 -> 5 m/s
+    weak = IDMParameters(s0=0, time_headway=0, max_acceleration=1e-3, comfortable_deceleration=1e3)
+    state = tensor(0.9), tensor(15), 5.0, 0.0
+    result = mean_follower_speed(*state, duration=0.1, model=weak)
+    torch.testing.assert_close(result, tensor((15 + 5) / 2))
+
+
 @given(platoon=platoons(torch.float32))
 @settings(deadline=None, max_examples=15)
 def test_gradient_path_gives_the_same_cost(platoon):
