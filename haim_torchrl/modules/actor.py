@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor, TanhNormal
 
-from haim_torchrl.modules.critic import Initialisation
+from haim_torchrl.modules.critic import RELU, Initialisation
 
 
 class ActorMLP(nn.Module):
@@ -45,7 +45,7 @@ class ActorMLP(nn.Module):
         action_dim: int,
         hidden: Sequence[int] = (256, 256),
         *,
-        activation: Callable[[], nn.Module] = nn.ReLU,
+        activation: Callable[[], nn.Module] = RELU,
         encoder: nn.Module | None = None,
         initial_std: float = 1.0,
         minimum_std: float = 1e-4,
@@ -94,7 +94,7 @@ def make_actor(
     hidden: Sequence[int] = (256, 256),
     *,
     action_spec: TensorSpec | None = None,
-    activation: Callable[[], nn.Module] = nn.ReLU,
+    activation: Callable[[], nn.Module] = RELU,
     encoder: nn.Module | None = None,
     initial_std: float = 1.0,
     minimum_std: float = 1e-4,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Literal
 
@@ -14,6 +15,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 Initialisation = Literal["default", "orthogonal"]
+
+#: In place: nothing else holds the pre-activations, and a batch of them is as large as a layer.
+RELU = partial(nn.ReLU, inplace=True)
 
 
 class EnsembleMLP(nn.Module):
@@ -54,7 +58,7 @@ class EnsembleMLP(nn.Module):
         hidden: Sequence[int] = (256, 256),
         *,
         ensemble_size: int = 2,
-        activation: Callable[[], nn.Module] = nn.ReLU,
+        activation: Callable[[], nn.Module] = RELU,
         layer_norm: bool = False,
         encoder: nn.Module | None = None,
         initialisation: Initialisation = "default",
@@ -91,10 +95,12 @@ class EnsembleMLP(nn.Module):
             parameter(members, inputs, outputs) for inputs, outputs in pairwise(widths)
         )
         self.biases = nn.ParameterList(parameter(members, 1, outputs) for outputs in widths[1:])
-        self.norms = nn.ModuleList(
-            EnsembleLayerNorm(members, width, device=device) if layer_norm else nn.Identity()
-            for width in hidden
-        )
+        norms: list[nn.Module] = [nn.Identity() for _ in hidden]
+        if layer_norm:
+            # The first layer lies member by member within a row: its groups are the members.
+            norms = [nn.GroupNorm(members, members * first, device=device)]
+            norms += [EnsembleLayerNorm(members, width, device=device) for width in hidden[1:]]
+        self.norms = nn.ModuleList(norms)
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
@@ -139,7 +145,7 @@ class EnsembleMLP(nn.Module):
             features = observations[0]
         else:
             features = torch.cat(observations, -1)
-        return F.linear(features, self.observation_weight, self.input_bias)
+        return F.linear(features, self.observation_weight)
 
     def evaluate(self, embedding: Tensor, action: Tensor) -> Tensor:
         """Values of actions at states embedded by :meth:`embed`.
@@ -152,15 +158,20 @@ class EnsembleMLP(nn.Module):
             Values, ``[..., E]``.
         """
         batch = embedding.shape[:-1]
+        # Biases are added in place: a product with a bias first copies that into its result.
         hidden = torch.addmm(
             embedding.reshape(-1, embedding.shape[-1]),
             action.reshape(-1, self.action_dim),
             self.action_weight.T,
-        )
+        ).add_(self.input_bias)
+        first, *later = self.norms
+        # Activate first, where memory is contiguous, and only then put the members first.
+        hidden = self.activation(first(hidden))
         hidden = hidden.unflatten(-1, (self.ensemble_size, -1)).transpose(0, 1)
-        for norm, weight, bias in zip(self.norms, self.weights, self.biases):
-            hidden = torch.baddbmm(bias, self.activation(norm(hidden)), weight)
-        return hidden.squeeze(-1).T.reshape(*batch, self.ensemble_size)
+        for norm, weight, bias in zip(later, self.weights, self.biases):
+            hidden = self.activation(norm(torch.bmm(hidden, weight).add_(bias)))
+        values = torch.baddbmm(self.biases[-1], hidden, self.weights[-1])
+        return values.squeeze(-1).T.reshape(*batch, self.ensemble_size)
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """Values of state-action pairs.
@@ -176,7 +187,7 @@ class EnsembleMLP(nn.Module):
 
 
 class EnsembleLayerNorm(nn.Module):
-    """Layer normalisation with parameters of its own for each member.
+    """Layer normalisation with a scale and shift of its own for each member.
 
     Args:
         ensemble_size: number of members E.
@@ -208,7 +219,7 @@ def make_critic(
     hidden: Sequence[int] = (256, 256),
     *,
     ensemble_size: int = 2,
-    activation: Callable[[], nn.Module] = nn.ReLU,
+    activation: Callable[[], nn.Module] = RELU,
     layer_norm: bool = False,
     encoder: nn.Module | None = None,
     initialisation: Initialisation = "default",
