@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from tensordict.utils import NestedKey
 from torch import Tensor
 from torchrl.data.tensor_specs import Binary, Composite, Unbounded
 from torchrl.envs import Transform
@@ -134,6 +136,7 @@ class DisturbanceTransform(Transform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         keys = self.keys
+        self._check_entries(tensordict_reset.keys(True, True))
         like = tensordict_reset.get(keys.acceleration)
         tensordict_reset.set(keys.disturbance, torch.zeros_like(like, dtype=torch.bool))
         tensordict_reset.set(keys.disturbance_onset, torch.zeros_like(like, dtype=torch.bool))
@@ -142,14 +145,8 @@ class DisturbanceTransform(Transform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Add the three published entries, after a look whether those read are there."""
-        keys, present = self.keys, set(observation_spec.keys(True, True))
-        missing = [key for key in keys.read if key not in present]
-        if missing:
-            raise KeyError(
-                f"the environment offers no {', '.join(map(str, missing))}: DisturbanceTransform "
-                "needs the AV's speed and acceleration and its followers' gaps and speeds; name "
-                "them in DisturbanceKeys(...)."
-            )
+        keys = self.keys
+        self._check_entries(observation_spec.keys(True, True))
         if observation_spec[keys.follower_gaps].shape[-1] < 1:
             raise ValueError("follower_gaps has no follower: there is nobody to disturb.")
         like = observation_spec[keys.acceleration]
@@ -161,3 +158,12 @@ class DisturbanceTransform(Transform):
             shape=like.shape, dtype=like.dtype, device=like.device
         )
         return observation_spec
+
+    def _check_entries(self, present: Iterable[NestedKey]) -> None:
+        missing = set(self.keys.read) - set(present)
+        if missing:
+            raise KeyError(
+                f"the environment offers no {', '.join(sorted(map(str, missing)))}: "
+                "DisturbanceTransform needs the AV's speed and acceleration and its followers' "
+                "gaps and speeds; name them in DisturbanceKeys(...)."
+            )
