@@ -7,7 +7,6 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,20 +41,35 @@ from haim_torchrl.transforms import InterventionTransform
 def build(node: Any, *args: Any, **kwargs: Any) -> Any:
     """Instantiate a part from its settings.
 
+    Args:
+        node: Settings with ``_target_``. With ``_partial_`` and arguments here, the partial is
+            called with them.
+        *args: Positional arguments of the part.
+        **kwargs: Keyword arguments of the part.
+
     Raises:
         ConfigError: In one sentence, if the part refuses its settings or cannot be found.
     """
     contents = plain(node)
+    target = contents.get("_target_", "?")
     try:
-        return instantiate(contents, *args, _convert_="all", **kwargs)
+        part = instantiate(contents, _convert_="all")
+        return part(*args, **kwargs) if contents.get("_partial_") and (args or kwargs) else part
     except InstantiationException as error:
         cause: BaseException = error
         while cause.__cause__ is not None:
             cause = cause.__cause__
-        target = contents.get("_target_", "?")
-        reason = cause.args[0] if isinstance(cause, KeyError) and cause.args else cause
-        text = " ".join(str(reason).split())
-        raise ConfigError(f"{target} cannot be built from its settings: {text}") from error
+        raise _refused(target, cause) from error
+    except (TypeError, ValueError, KeyError, RuntimeError) as error:
+        raise _refused(target, error) from error
+
+
+def _refused(target: str, cause: BaseException) -> ConfigError:
+    if isinstance(cause, ConfigError):
+        return cause
+    reason = cause.args[0] if isinstance(cause, KeyError) and cause.args else cause
+    text = " ".join(str(reason).split())
+    return ConfigError(f"{target} cannot be built with its settings: {text}")
 
 
 def prepare(config: DictConfig) -> torch.device:
@@ -113,7 +127,7 @@ class World:
     def __call__(self) -> EnvBase:
         """A new environment."""
         chosen = {"start": self.scenarios.start, "count": self.scenarios.count}
-        env = TransformedEnv(build(self.env, scenarios=chosen))
+        env = TransformedEnv(build({**self.env, "_partial_": True}, scenarios=chosen))
         if self.switch is not None:
             env.append_transform(
                 InterventionTransform(
@@ -151,10 +165,19 @@ class Sizes:
         """Sizes of an environment."""
         return cls(env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1])
 
+    @classmethod
+    def of_world(cls, world: World) -> Sizes:
+        """Sizes in a world; builds an environment, and so tells early what it cannot do."""
+        env = world()
+        try:
+            return cls.of(env)
+        finally:
+            env.close()
+
 
 def build_actor(config: DictConfig, sizes: Sizes, device: torch.device) -> ProbabilisticActor:
     """The one actor of a run."""
-    return build(config.actor)(sizes.observation, sizes.action, device=device)
+    return build(config.actor, sizes.observation, sizes.action, device=device)
 
 
 def build_loss(
@@ -229,7 +252,7 @@ def _build_term(name: str, make_term: Callable[[], Any]) -> Any:
         raise ConfigError(f"loss.{name} cannot be built: {error}") from error
 
 
-def build_logger(config: DictConfig, folder: Path) -> ScalarLogger | None:
+def build_logger(config: DictConfig) -> ScalarLogger | None:
     """The logger beside the CSV files, or None.
 
     Raises:
@@ -237,14 +260,10 @@ def build_logger(config: DictConfig, folder: Path) -> ScalarLogger | None:
     """
     if not config.logger:
         return None
-    make_logger = build(config.logger)
-    key = "log_dir" if "log_dir" in inspect.signature(make_logger).parameters else "save_dir"
     try:
-        return make_logger(**{key: str(folder)})
-    except ImportError as error:
-        raise ConfigError(
-            f"the logger's package is missing ({error}); install it or use logger=csv"
-        ) from error
+        return build(config.logger)
+    except ConfigError as error:
+        raise ConfigError(f"{error}; install what it needs, or use logger=csv") from error
 
 
 def build_driver(name: str, actor: ProbabilisticActor | None, config: DictConfig) -> Driver:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
-from hydra.errors import HydraException, InstantiationException
-from omegaconf import OmegaConf
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from haim_torchrl.evaluation.checkpoint import CheckpointError
-from haim_torchrl.evaluation.config import ConfigError
+from haim_torchrl.evaluation.checkpoint import CheckpointError, find_checkpoint
+from haim_torchrl.evaluation.config import ConfigError, register_schemas
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 """Exit codes: settings that cannot work, a run that could not go on, Ctrl-C."""
@@ -27,26 +30,25 @@ class RunFailed(RuntimeError):
 
 
 def _first_sentence(error: BaseException) -> str:
-    """What went wrong, on one line, from the innermost cause that says something."""
-    causes: list[BaseException] = [error]
-    while (deeper := causes[-1].__cause__) is not None:
-        causes.append(deeper)
-    chosen = causes[-1] if isinstance(error, InstantiationException) else error
-    text = str(chosen.args[0]) if isinstance(chosen, KeyError) and chosen.args else str(chosen)
-    kept = [
-        line.strip()
-        for line in text.splitlines()
-        if line.strip() and not line.lstrip().startswith(("full_key:", "object_type="))
-    ]
-    sentence = " ".join(kept) or type(chosen).__name__
-    if isinstance(error, InstantiationException) and "full_key:" in str(error):
-        key = str(error).split("full_key:")[1].split()[0]
-        sentence = f"{key}: {sentence}"
-    return sentence
+    """What went wrong, on one line: the error, and what caused it if that says more."""
+    text = _one_line(error)
+    cause = error.__cause__
+    if isinstance(error, HydraException) and isinstance(cause, OmegaConfBaseException):
+        text = f"{text.split(' To append to your config')[0].rstrip('.')}: {_one_line(cause)}"
+    return text
 
 
-def run_command(main: Callable[[], Any], arguments: Sequence[str] | None = None) -> None:
-    """Run a function decorated with ``hydra.main`` and end the process with its exit code.
+def _one_line(error: BaseException) -> str:
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    details = ("full_key:", "object_type=", "reference_type=")
+    lines = [line.strip() for line in text.splitlines()]
+    line = " ".join(line for line in lines if line and not line.startswith(details))
+    line = re.sub(r"^\w+ raised while resolving interpolation: ", "", line)
+    return line or type(error).__name__
+
+
+def run_command(main: Callable[[], Any]) -> None:
+    """Run a function decorated with ``hydra.main`` as a command.
 
     What the user can mend, such as an unknown key or a missing checkpoint, becomes one sentence on
     stderr and a non-zero exit code; anything else keeps its traceback, as a fault of the program.
@@ -54,30 +56,75 @@ def run_command(main: Callable[[], Any], arguments: Sequence[str] | None = None)
 
     Args:
         main: The decorated function.
-        arguments: Command line without the program's name; defaults to the process's own.
     """
-    if arguments is not None:
-        sys.argv = [sys.argv[0], *arguments]
     verbose = os.environ.get("HYDRA_FULL_ERROR") == "1"
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands the exception on instead of printing.
-    try:
+    with reporting(verbose):
         main()
+
+
+@contextmanager
+def reporting(verbose: bool | None = None) -> Iterator[None]:
+    """Turn errors that the user can mend into one sentence and an exit code.
+
+    Also used inside a job, since Hydra announces each exception that leaves one.
+
+    Args:
+        verbose: Keep the tracebacks; by default as the user asked by ``HYDRA_FULL_ERROR=1``.
+    """
+    global _verbose
+    if verbose is not None:
+        _verbose = verbose
+    try:
+        yield
     except (ConfigError, CheckpointError, HydraException, OmegaConfBaseException) as error:
-        if verbose:
+        if _verbose:
             raise
         _fail(error, BAD_INPUT)
     except (RunFailed, FileExistsError) as error:
-        if verbose:
+        if _verbose:
             raise
         _fail(error, FAILED)
     except KeyboardInterrupt:
-        print("\ninterrupted; nothing was saved since the last checkpoint", file=sys.stderr)
+        print("\ninterrupted; what is not in the last checkpoint is lost", file=sys.stderr)
         sys.exit(INTERRUPTED)
 
 
+_verbose = False
+
+
 def _fail(error: BaseException, code: int) -> None:
+    settings = HydraConfig.instance().cfg
+    if settings is not None:
+        folder = OmegaConf.select(settings, "hydra.runtime.output_dir")  # type: ignore[arg-type]
+        if folder:
+            _remove_if_empty(Path(folder))
     print(f"error: {_first_sentence(error)}", file=sys.stderr)
     sys.exit(code)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    """Take back the folder that Hydra made for a run that never began."""
+    for path in (folder, folder.parent):
+        try:
+            path.rmdir()
+        except OSError:
+            return
+
+
+def open_folder(config: DictConfig) -> Path:
+    """The run's folder, with its settings in ``config.yaml``; a resumed run keeps its own."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with (folder / "config.yaml").open("x") as stream:
+            stream.write(OmegaConf.to_yaml(config))
+    except FileExistsError:
+        if not config.resume:
+            raise FileExistsError(
+                f"{folder} holds another run, and nothing is overwritten; choose another name"
+            ) from None
+    return folder
 
 
 class InterruptFlag:
@@ -132,11 +179,13 @@ def run_folder(name: str, resume: str | None = None, root: str = "runs") -> str:
     Returns:
         ``runs/<name>/<date>_<time>``; a number is added while that folder exists, so that no run
         ever writes into another one's.
+
+    Raises:
+        CheckpointError: If there is nothing to resume.
     """
     if resume:
-        path = Path(resume)
-        folder = path.parent if path.suffix == ".pt" else path
-        return str(folder.parent if folder.name == "checkpoints" else folder)
+        # Looked up here already, since Hydra makes the folder that this returns.
+        return str(find_checkpoint(resume).parent.parent)
     stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
     base = Path(root) / name / stamp
     folder, number = base, 2
@@ -145,6 +194,7 @@ def run_folder(name: str, resume: str | None = None, root: str = "runs") -> str:
     return str(folder)
 
 
-def register_resolvers() -> None:
-    """Make ``${run_folder:...}`` known to OmegaConf; its first answer holds for the process."""
+def register() -> None:
+    """Make known to Hydra what ``conf/`` uses: the schema and ``${run_folder:...}``."""
+    register_schemas()
     OmegaConf.register_new_resolver("run_folder", run_folder, use_cache=True, replace=True)

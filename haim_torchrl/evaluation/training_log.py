@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
+import time
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
@@ -108,10 +109,12 @@ class TrainingLog:
                 "episodes",
                 "successes",
                 "updates",
+                "seconds",
             ),
             0.0,
         )
         self._marked = dict(self.totals)
+        self._clock = time.monotonic()
         self._losses: dict[str, Tensor] = {}
         self._loss_count = 0
 
@@ -186,6 +189,9 @@ class TrainingLog:
             The row. Keys: ``frames``, rates since the last row, ``*_total`` since the start, and
             the mean of each loss and diagnostic.
         """
+        now = time.monotonic()
+        self.totals["seconds"] += now - self._clock
+        self._clock = now
         gained = {key: self.totals[key] - self._marked[key] for key in self.totals}
         frames = max(gained["frames"], 1.0)
         row: dict[str, float] = {
@@ -201,6 +207,7 @@ class TrainingLog:
             "mentor_steps_total": int(self.totals["mentor_steps"]),
             "violations_total": int(self.totals["violations"]),
             "episodes_total": int(self.totals["episodes"]),
+            "seconds": self.totals["seconds"],
         }
         if self._loss_count:
             names = sorted(self._losses)

@@ -47,7 +47,7 @@ class ToyRoad(EnvBase):
                 for k in ("done", "terminated", "truncated")
             }
         )
-        self._order = np.random.default_rng(0)
+        self.np_random = np.random.default_rng(0)
         self.scenario = 0
         self._begin(0)
 
@@ -72,7 +72,7 @@ class ToyRoad(EnvBase):
     def _reset(
         self, tensordict: TensorDictBase | None, seed: int | None = None, **_: Any
     ) -> TensorDict:
-        self._begin(int(self._order.integers(50)) if seed is None else seed)
+        self._begin(int(self.np_random.integers(50)) if seed is None else seed)
         return TensorDict(self._state(), batch_size=[])
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
@@ -98,7 +98,7 @@ class ToyRoad(EnvBase):
         )
 
     def _set_seed(self, seed: int | None) -> None:
-        self._order = np.random.default_rng(seed)
+        self.np_random = np.random.default_rng(seed)
 
     def forecast(self, action: np.ndarray) -> Forecast:
         return Forecast(departure=abs(self.y + float(action[1])) > HALF_WIDTH)

@@ -1,0 +1,322 @@
+"""The state of a training run: what is counted, saved, restored and validated around the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from hydra.conf import HydraConf
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+from torchrl.collectors import BaseCollector
+from torchrl.modules import ProbabilisticActor
+
+from haim_torchrl.collectors import resume_collector
+from haim_torchrl.evaluation.assembly import World
+from haim_torchrl.evaluation.checkpoint import (
+    CheckpointError,
+    find_checkpoint,
+    load_checkpoint,
+    load_module,
+    random_state,
+    restore_random_state,
+    save_checkpoint,
+)
+from haim_torchrl.evaluation.command import RunFailed
+from haim_torchrl.evaluation.config import ConfigError, RunConfig
+from haim_torchrl.evaluation.drivers import PolicyDriver
+from haim_torchrl.evaluation.evaluator import evaluate
+from haim_torchrl.evaluation.metrics import Summary
+from haim_torchrl.evaluation.training_log import TrainingLog
+
+
+class Stateful(Protocol):
+    """What can be saved and restored."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that a later run needs."""
+        ...
+
+    def load_state_dict(self, state_dict: Any) -> Any:
+        """Continue from it."""
+        ...
+
+
+class Schedule:
+    """What is due after each batch.
+
+    Args:
+        settings: The group ``train``.
+        total_frames: Steps of the whole run.
+    """
+
+    def __init__(self, settings: Any, total_frames: int) -> None:
+        self._settings, self.total_frames = settings, total_frames
+        self.frames = 0
+        self._owed = 0.0
+        self._before = 0
+
+    def advance(self, frames: int) -> int:
+        """Count collected steps.
+
+        Returns:
+            Number of updates that are now due. A fraction is kept for the next batch.
+        """
+        self._before = self.frames
+        self.frames += frames
+        learning = self.frames - max(self._before, self._settings.learning_starts)
+        self._owed += max(learning, 0) * self._settings.updates_per_step
+        due = int(self._owed + 1e-9)
+        self._owed -= due
+        return due
+
+    def due(self, name: str) -> bool:
+        """Whether ``log``, ``checkpoint`` or ``validate`` is due: each interval, and at the end."""
+        every = self._settings[f"{name}_every"]
+        if every == 0:
+            return False
+        return self.frames // every > self._before // every or self.finished
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are done."""
+        return self.frames >= self.total_frames
+
+    def state_dict(self) -> dict[str, float]:
+        """Counters."""
+        return {"frames": self.frames, "owed": self._owed}
+
+    def load_state_dict(self, state: Mapping[str, float]) -> None:
+        """Continue from saved counters."""
+        self.frames = self._before = int(state["frames"])
+        self._owed = float(state["owed"])
+
+
+class Run:
+    """Saves, restores and validates a training run.
+
+    Args:
+        folder: The run's folder.
+        config: Its settings.
+        actor: Its policy.
+        collector: Its collector.
+        log: What it writes down.
+        schedule: What is due when.
+        parts: Loss, optimiser and replay by name.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        config: DictConfig,
+        *,
+        actor: ProbabilisticActor,
+        collector: BaseCollector,
+        log: TrainingLog,
+        schedule: Schedule,
+        **parts: Stateful,
+    ) -> None:
+        self.folder, self.config = folder, config
+        self.actor, self.collector, self.log, self.schedule = actor, collector, log, schedule
+        self._parts: dict[str, Stateful] = {**parts, "log": log, "schedule": schedule}
+        self._best: tuple[float, float, int] | None = None
+        self._choices = _choices()
+
+    def last(self) -> str:
+        """Where the last whole state is, for a message."""
+        path = self.checkpoints / "last.pt"
+        return str(path) if path.exists() else "none: the run had not saved yet"
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the checkpoints."""
+        return self.folder / "checkpoints"
+
+    def save(self) -> Path:
+        """Write ``checkpoints/last.pt`` and begin a new episode.
+
+        Simulators cannot save the middle of an episode. A resumed run has to begin a new one, so
+        this one does the same, and both see the same from here on.
+        """
+        path = save_checkpoint(
+            self.checkpoints / "last.pt",
+            {
+                "kind": "run",
+                "config": OmegaConf.to_yaml(self.config),
+                "choices": self._choices,
+                "frames": self.schedule.frames,
+                "actor": self.actor.state_dict(),
+                "best": self._best,
+                "parts": {name: part.state_dict() for name, part in self._parts.items()},
+                "collector": self.collector.state_dict(),
+                "random": random_state(),
+            },
+        )
+        self._new_episode()
+        return path
+
+    def load(self, source: str) -> None:
+        """Continue from a checkpoint of a run with the same settings.
+
+        Raises:
+            CheckpointError: If it is missing, foreign, of another kind, or does not fit.
+        """
+        path = find_checkpoint(source, ("last.pt",))
+        contents = load_checkpoint(path)
+        if contents.get("kind") != "run":
+            raise CheckpointError(
+                f"checkpoint {path} holds a policy only; resume from the run's checkpoints/last.pt"
+            )
+        load_module(self.actor, contents["actor"], "actor", path)
+        for name, part in self._parts.items():
+            try:
+                part.load_state_dict(contents["parts"][name])
+            except (KeyError, RuntimeError, ValueError) as error:
+                raise CheckpointError(
+                    f"checkpoint {path} does not fit this run's {name}; resume with the settings "
+                    f"that it was written with: {' '.join(str(error).split())[:300]}"
+                ) from error
+        best = contents["best"]
+        self._best = None if best is None else (best[0], best[1], int(best[2]))
+        if self.schedule.finished:
+            raise CheckpointError(
+                f"checkpoint {path} has all its {self.schedule.frames} steps already; give a "
+                "larger total_frames to go on, or evaluate it with recipes/evaluate.py"
+            )
+        resume_collector(self.collector, contents["collector"])
+        self.log.restart_episodes()
+        self._choices = dict(contents["choices"])
+        restore_random_state(contents["random"])
+
+    def _new_episode(self) -> None:
+        state = random_state()
+        self.collector.reset()
+        self.log.restart_episodes()
+        restore_random_state(state)
+
+    def validate(self) -> Summary:
+        """Drive the validation scenarios without mentor, and keep the policy if it is the best.
+
+        The best has the highest success; among equals the fewest violations, then the latest.
+        """
+        world = World.of(self.config, "validation", takeovers=False)
+        result = evaluate(PolicyDriver(self.actor), world, world.seeds())
+        summary = result.summary(self.config.eval.level)
+        figures: dict[str, float] = {
+            name: summary.overall[name].value
+            for name in (
+                "success", "violations", "out_of_road", "wrong_way", "timeout", "crash", "return",
+                "disturbance_rate", "disturbance_onsets_per_km", "speed", "progress",
+            )
+        }  # fmt: skip
+        success = summary.overall["success"]
+        figures |= {"success_low": success.low, "success_high": success.high}
+        self.log.write_validation(figures)
+        score = (success.value, -summary.overall["violations"].value, self.schedule.frames)
+        self._save_policy(f"policy_{self.schedule.frames:07d}.pt", figures)
+        if self._best is None or score > self._best:
+            self._best = score
+            self._save_policy("best.pt", figures)
+        return summary
+
+    def _save_policy(self, name: str, figures: Mapping[str, float]) -> None:
+        save_checkpoint(
+            self.checkpoints / name,
+            {
+                "kind": "policy",
+                "config": OmegaConf.to_yaml(self.config),
+                "frames": self.schedule.frames,
+                "actor": self.actor.state_dict(),
+                "validation": dict(figures),
+            },
+        )
+
+    def check_takeovers(self) -> None:
+        """Stop a run in which nobody ever takes over: there is nothing to learn from (decision 18).
+
+        Raises:
+            RunFailed: If no takeover happened within ``train.no_takeover_after`` steps, or in the
+                whole run.
+        """
+        frames, limit = self.schedule.frames, self.config.train.no_takeover_after
+        if self.log.totals["mentor_steps"] == 0 and (frames >= limit or self.schedule.finished):
+            raise RunFailed(
+                f"no takeover happened in the first {frames} steps, so there is nothing to learn "
+                "from; choose another switch (switch=shield, switch=dense) or mentor, or raise "
+                "train.no_takeover_after"
+            )
+
+
+def resumed_config(config: DictConfig, hydra: HydraConf) -> DictConfig:
+    """The settings to resume with: those of the checkpoint, and the values given now.
+
+    Args:
+        config: Settings composed from the files and the command line; ``resume`` is set.
+        hydra: Hydra's own settings of this job, with the overrides and the members chosen.
+
+    Raises:
+        CheckpointError: If there is no such checkpoint.
+        ConfigError: If a part is to be exchanged: the saved state would not fit it.
+    """
+    path = find_checkpoint(config.resume)
+    contents = load_checkpoint(path)
+    saved, parts = saved_config(contents, path), contents.get("choices", {})
+    result = OmegaConf.merge(OmegaConf.structured(RunConfig), saved)
+    assert isinstance(result, DictConfig)
+    for text in hydra.overrides.task:
+        key, _, value = text.partition("=")
+        key = key.lstrip("+~").partition("@")[0]
+        if key not in hydra.runtime.choices:
+            OmegaConf.update(result, key, OmegaConf.select(config, key), force_add=False)
+        elif parts.get(key) != value:
+            raise ConfigError(
+                f"{text} cannot be combined with resume, which keeps the run's own "
+                f"{key}={parts.get(key)}; start a new run to change it"
+            )
+    return result
+
+
+def _choices() -> dict[str, str]:
+    """Members that Hydra chose for each group of this job."""
+    settings = HydraConfig.instance().cfg
+    chosen = {} if settings is None else OmegaConf.select(settings, "hydra.runtime.choices")  # type: ignore[arg-type]
+    return {str(k): str(v) for k, v in chosen.items() if not str(k).startswith("hydra/")}
+
+
+def load_policy(path: Path, actor: ProbabilisticActor) -> dict[str, Any]:
+    """Load the policy of a checkpoint of either kind into an actor.
+
+    Returns:
+        The checkpoint's contents.
+    """
+    contents = load_checkpoint(path)
+    load_module(actor, contents["actor"], "actor", path)
+    return contents
+
+
+def saved_config(contents: Mapping[str, Any], path: Path) -> DictConfig:
+    """The settings that a checkpoint was written with.
+
+    Raises:
+        CheckpointError: If it carries none.
+    """
+    config = OmegaConf.create(str(contents.get("config", "")))
+    if not isinstance(config, DictConfig) or not config:
+        raise CheckpointError(f"checkpoint {path} carries no settings; give one of a run")
+    return config
+
+
+def peak_memory() -> float:
+    """Largest memory that this process has held so far, in MiB; NaN where it is not told."""
+    try:
+        import resource
+    except ImportError:
+        return float("nan")
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def gpu_memory() -> float:
+    """Largest GPU memory that torch has held so far, in MiB; 0 without a GPU."""
+    return torch.cuda.max_memory_allocated() / 2**20 if torch.cuda.is_available() else 0.0

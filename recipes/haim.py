@@ -1,0 +1,149 @@
+"""HAIM-DRL, the paper's Algorithm 2: learn to drive from a mentor's takeovers, without a reward.
+
+python recipes/haim.py                                 # conf/haim.yaml, preset=default
+python recipes/haim.py seed=1 loss/implicit=none       # override anything
+python recipes/haim.py resume=runs/haim/<date>         # go on with a run
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from haim_torchrl.evaluation.assembly import (
+    Sizes,
+    World,
+    build,
+    build_actor,
+    build_logger,
+    build_loss,
+    prepare,
+)
+from haim_torchrl.evaluation.command import (
+    INTERRUPTED,
+    InterruptFlag,
+    RunFailed,
+    open_folder,
+    register,
+    reporting,
+    run_command,
+)
+from haim_torchrl.evaluation.drivers import PolicyDriver
+from haim_torchrl.evaluation.progress import ProgressLine
+from haim_torchrl.evaluation.report import final_report
+from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
+from haim_torchrl.evaluation.training_log import TrainingLog
+from haim_torchrl.objectives import NonFiniteLossError, UpdateStep
+
+
+def train(config: DictConfig) -> Path:
+    """Train, evaluate on held-out scenarios, and write everything to the run's folder."""
+    device = prepare(config)
+    world = World.of(config, "train", takeovers=True)
+    sizes = Sizes.of_world(world)
+
+    # The parts: one actor, its critics and losses, the replay, who collects.
+    actor = build_actor(config, sizes, device)
+    make_critic = partial(build, config.critic, sizes.observation, sizes.action, device=device)
+    loss = build_loss(config.loss, actor, make_critic)
+    optimizer = build(config.optimizer, loss)
+    update = UpdateStep(
+        loss,
+        optimizer,
+        loss.make_target_updater(config.loss.tau),
+        max_grad_norm=config.train.max_grad_norm,
+    )
+    batch_size = config.train.batch_size
+    replay = build(config.replay, batch_size=batch_size, keys=loss.in_keys, device=device)
+    collector = build(
+        config.collector,
+        world,
+        actor,
+        total_frames=config.total_frames,
+        seed=config.seed,
+        device=device,
+    )
+    logger = build_logger(config)
+    folder = open_folder(config)
+    log = TrainingLog(folder, logger)
+    schedule = Schedule(config.train, config.total_frames)
+    run = Run(
+        folder,
+        config,
+        actor=actor,
+        collector=collector,
+        log=log,
+        schedule=schedule,
+        loss=loss,
+        optimizer=optimizer,
+        replay=replay,
+    )
+    if config.resume:
+        run.load(config.resume)
+
+    with (
+        InterruptFlag() as interrupt,
+        ProgressLine(config.total_frames, schedule.frames) as progress,
+    ):
+        # Algorithm 2. The agent proposes, the switch decides, the mentor may act: inside the
+        # environment, so that each batch says who drove each step and what it cost.
+        for batch in collector:
+            replay.extend(batch)
+            log.add_batch(batch)
+            try:
+                for _ in range(schedule.advance(batch.numel())):
+                    log.add_losses(update(replay.sample()))
+            except NonFiniteLossError as error:
+                raise RunFailed(f"{error} The last good checkpoint is {run.last()}.") from error
+            collector.update_policy_weights_()
+            run.check_takeovers()
+
+            progress.update(
+                schedule.frames,
+                takeover_rate=log.takeover_rate,
+                success=log.success,
+                violations=log.totals["violations"],
+            )
+            if schedule.due("log"):
+                log.write_row()
+            if schedule.due("validate"):
+                success = run.validate().overall["success"].value
+                progress.note(f"{schedule.frames} steps: success {success:.2f} on validation")
+            if schedule.due("checkpoint") or interrupt:
+                run.save()
+            if interrupt:
+                print(f"saved; go on with: python recipes/haim.py resume={folder}")
+                sys.exit(INTERRUPTED)
+    collector.shutdown()
+
+    first, last = log.takeover_rates()
+    totals = {
+        **log.totals,
+        "takeover_rate_first_fifth": first,
+        "takeover_rate_last_fifth": last,
+        "peak_memory_mib": peak_memory(),
+    }
+    chosen = load_policy(run.checkpoints / f"{config.eval.checkpoint}.pt", actor)
+    about = {key: chosen[key] for key in ("frames", "validation") if key in chosen}
+    final_report(folder, config, PolicyDriver(actor), totals, about)
+    print(f"everything is in {folder}")
+    return folder
+
+
+register()
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="haim")
+def main(config: DictConfig) -> None:
+    """Hydra's entry point."""
+    with reporting():
+        train(resumed_config(config, HydraConfig.get()) if config.resume else config)
+
+
+if __name__ == "__main__":
+    run_command(main)
