@@ -71,7 +71,8 @@ def make_collector(
         init_random_frames: steps of uniform actions at the start.
         seed: seeds the simulators, a different stream for each worker, and torch in the workers;
             torch in this process is the caller's to seed.
-        device: where the policy runs; environments and data stay where they are made.
+        device: where the policy acts, by default the CPU whatever device it is trained on: for
+            one observation at a time a small network is fastest there. A copy is made if needed.
         storing_device: where batches are put; by default they stay on the CPU.
         exploration_type: how the policy acts; the default is for training.
         postproc: what is done to a batch, by default ``TakeoverToTransition(keys=keys)``.
@@ -124,7 +125,7 @@ def make_collector(
         "frames_per_batch": frames_per_batch,
         "total_frames": total_frames,
         "init_random_frames": init_random_frames,
-        "policy_device": device,
+        "policy_device": _acting_device(policy, device),
         "storing_device": storing_device,
         "exploration_type": exploration_type,
         "postproc": TakeoverToTransition(keys=keys) if postproc is None else postproc,
@@ -132,13 +133,17 @@ def make_collector(
         **options,
     }
     acting = as_acting_policy(policy)
+    collector: BaseCollector
     if num_workers == 0:
         # Numbering the trajectories costs a tenth of the collector's time; replay of single
         # transitions has no use for it.
         arguments.setdefault("track_traj_ids", False)
-        return Collector(builders[0], acting, **arguments)
-    arguments.setdefault("cat_results", "stack")
-    return MultiSyncCollector(builders, acting, **arguments)
+        collector = Collector(builders[0], acting, **arguments)
+    else:
+        arguments.setdefault("cat_results", "stack")
+        collector = MultiSyncCollector(builders, acting, **arguments)
+    collector._trained_policy = acting  # a collector holds what it copies weights from weakly
+    return collector
 
 
 def resume_collector(collector: BaseCollector, state: dict[str, Any]) -> None:
@@ -174,6 +179,13 @@ class _CollectedEnv:
             if self.in_worker:
                 torch.manual_seed(self.seed)
         return env
+
+
+def _acting_device(policy: TensorDictModuleBase, device: DeviceLike | None) -> torch.device | None:
+    """Device to pass on; ``None`` (no casts, which cost more than the network) if all is there."""
+    wanted = torch.device("cpu" if device is None else device)
+    present = {parameter.device for parameter in policy.parameters()}
+    return None if wanted.type == "cpu" and present <= {wanted} else wanted
 
 
 def _factories(env_factory: EnvFactory | Sequence[EnvFactory], workers: int) -> list[EnvFactory]:
