@@ -1,0 +1,83 @@
+"""Factories: the world as a Gymnasium and as a TorchRL environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import torch
+from tensordict import TensorDictBase
+from torchrl.data import Binary, Composite, Unbounded
+from torchrl.envs import EnvBase, GymWrapper
+from torchrl.envs.gym_like import BaseInfoDictReader
+
+from haim_torchrl.envs.platoon_env import PlatoonEnv
+
+FLOATS = ("speed", "acceleration", "progress", "cost")
+FLAGS = ("success", "crash", "out_of_road", "wrong_way")
+PLATOON = ("follower_gaps", "follower_speeds")
+
+
+class PlatoonInfoReader(BaseInfoDictReader):
+    """Carries the world's info entries over into the tensordict, with their specs.
+
+    TorchRL's default reader fails on Python floats and bools, which highway-env reports.
+
+    Args:
+        followers: N; shape of the follower entries.
+    """
+
+    def __init__(self, followers: int) -> None:
+        spec: dict[str, Any] = {key: Unbounded((1,)) for key in FLOATS}
+        spec |= {key: Binary(1, (1,), dtype=torch.bool) for key in FLAGS}
+        spec |= {key: Unbounded((followers,)) for key in PLATOON}
+        self._spec = Composite(spec, shape=[])
+
+    @property
+    def info_spec(self) -> dict[str, Any]:
+        """Specs of the entries."""
+        return dict(self._spec.items())
+
+    def reset(self) -> None:
+        """The reader keeps nothing between episodes."""
+
+    def __call__(self, info: dict[str, Any], tensordict: TensorDictBase) -> TensorDictBase:
+        for key in FLOATS:
+            tensordict.set(key, torch.tensor([info[key]], dtype=torch.float32))
+        for key in FLAGS:
+            tensordict.set(key, torch.tensor([info[key]], dtype=torch.bool))
+        for key in PLATOON:
+            tensordict.set(key, torch.from_numpy(info[key]))
+        return tensordict
+
+
+def make_gym_env(
+    config: Mapping[str, Any] | None = None, render_mode: str | None = None
+) -> gym.Env:
+    """The world as a registered Gymnasium environment.
+
+    Args:
+        config: settings, see :class:`~haim_torchrl.envs.platoon_env.PlatoonConfig`.
+        render_mode: None or "rgb_array".
+    """
+    return gym.make(
+        "haim_torchrl/Platoon-v0", config=dict(config or {}), render_mode=render_mode
+    )
+
+
+def make_env(device: str | torch.device = "cpu", **config: Any) -> EnvBase:
+    """The world as a TorchRL environment.
+
+    Args:
+        device: where its tensors live. The simulator runs on the CPU.
+        **config: settings, see :class:`~haim_torchrl.envs.platoon_env.PlatoonConfig`.
+
+    Returns:
+        An environment with the entries ``observation`` [D], ``speed``, ``acceleration``,
+        ``progress``, ``cost`` [1], ``success``, ``crash``, ``out_of_road``, ``wrong_way`` [1] bool,
+        ``follower_gaps``, ``follower_speeds`` [N], at root and under ``next``.
+    """
+    env = GymWrapper(PlatoonEnv(config), device=device)
+    env.set_info_dict_reader(PlatoonInfoReader(config.get("followers", 5)))
+    return env

@@ -1,0 +1,258 @@
+"""The road of a scenario as highway-env sees it, with fast neighbour search and collision tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from highway_env.road.lane import LineType
+from highway_env.road.road import Road, RoadNetwork
+from highway_env.vehicle.kinematics import Vehicle
+
+from haim_torchrl.envs import geometry
+from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
+from haim_torchrl.envs.geometry import COLUMNS, HALF_LENGTH, HALF_WIDTH, PATH, SPEED, X, Y
+from haim_torchrl.envs.lanes import PathLane
+from haim_torchrl.envs.path import Array
+from haim_torchrl.envs.platoon import Platoon
+from haim_torchrl.envs.scenario import Scenario
+from haim_torchrl.envs.vehicles import (
+    AutomatedVehicle,
+    RoadObstacle,
+    StoppedVehicle,
+    TrafficVehicle,
+)
+
+LaneIndex = tuple[str, str, int]
+REACH = 1.4
+"""A body stands on a lane's path when its centre is closer than this plus its half width [m]."""
+STUCK_STEPS = 200
+"""Traffic that has stood still for this many steps without cause is removed."""
+HORIZON, PREDICTION_STEP = 20, 0.2
+"""Instants that other vehicles' motion is predicted for, and the time between them [s]."""
+
+
+class PlatoonRoad(Road):
+    """Lanes, vehicles and obstacles of one episode.
+
+    Attributes:
+        scenario: what was drawn for this episode.
+        av: the automated vehicle.
+        platoon: its followers.
+        bodies: all bodies as rows (see :mod:`haim_torchrl.envs.geometry`): the AV first, then the
+            followers, then everything else. Made anew each step.
+        route_s, route_d: arc length and offset of each body on the route [m], shape [M].
+    """
+
+    def __init__(self, scenario: Scenario, av: AutomatedVehicle, platoon: Platoon, rng: Any) -> None:
+        network = RoadNetwork()
+        self.scenario = scenario
+        self.lanes: list[PathLane] = []
+        self.indices: list[LaneIndex] = []
+        for k in range(scenario.lanes):
+            types = (
+                LineType.CONTINUOUS_LINE if k == 0 else LineType.STRIPED,
+                LineType.CONTINUOUS_LINE if k == scenario.lanes - 1 else LineType.NONE,
+            )
+            path = scenario.route.shifted(lane_offset(k, scenario.lanes))
+            self._add(network, ("start", "destination", k), PathLane(path, types))
+        for k, side in enumerate(scenario.sides):
+            self._add(network, (f"side {k}", f"end {k}", 0), PathLane(side.path))
+        self.xs = np.concatenate([lane.path.x for lane in self.lanes])
+        self.ys = np.concatenate([lane.path.y for lane in self.lanes])
+        self.headings = np.concatenate([lane.path.heading for lane in self.lanes])
+        self.starts = np.cumsum([0] + [len(lane.path.x) for lane in self.lanes])
+        super().__init__(network, [av, *platoon.vehicles], [], rng)
+        self.av, self.platoon = av, platoon
+        self._waiting_spawns = list(scenario.spawns)
+        self._add_obstacles()
+        self._previous_speeds: dict[int, float] = {}
+        self._predicted: Array | None = None
+        self.bodies = np.zeros((0, COLUMNS))
+        self.refresh(dt=0.1)
+        self.spawn()
+
+    def _add(self, network: RoadNetwork, index: LaneIndex, lane: PathLane) -> None:
+        network.add_lane(index[0], index[1], lane)
+        self.lanes.append(lane)
+        self.indices.append(index)
+
+    def _add_obstacles(self) -> None:
+        for placed in self.scenario.obstacles:
+            index = ("start", "destination", placed.lane)
+            lane = self.lanes[placed.lane]
+            s = lane.path.project(self.scenario.route.at(placed.s))[0]
+            if placed.kind in ("cones", "triangle"):
+                x, y, heading = lane.path.at(s)
+                self.objects.append(RoadObstacle(placed.kind, np.array([x, y]), heading))
+            if placed.kind in ("stopped", "triangle"):
+                back = 12.0 if placed.kind == "triangle" else 0.0
+                self.vehicles.append(StoppedVehicle(self, index, s + back, 0.0))
+            if placed.kind == "slow":
+                self.vehicles.append(StoppedVehicle(self, index, s, 2.5))
+
+    # What every body is and where.
+    def refresh(self, dt: float) -> None:
+        """Gather the bodies anew. Call after anything moved."""
+        things = [*self.vehicles, *self.objects]
+        bodies = np.zeros((len(things), COLUMNS))
+        followers = len(self.platoon.vehicles)
+        speeds = {}
+        for k, thing in enumerate(things):
+            before = self._previous_speeds.get(id(thing), thing.speed)
+            speeds[id(thing)] = thing.speed
+            path = -1
+            if isinstance(thing, TrafficVehicle):
+                path = self._path_of(thing.target_lane_index)
+            elif isinstance(thing, StoppedVehicle):
+                path = thing.lane_index[2]
+            bodies[k] = (
+                thing.position[0],
+                thing.position[1],
+                thing.heading,
+                thing.speed,
+                (thing.speed - before) / dt,
+                thing.LENGTH / 2,
+                thing.WIDTH / 2,
+                path,
+                0.0,
+                0.0,
+            )
+        self._previous_speeds = speeds
+        self.rows = {id(thing): k for k, thing in enumerate(things)}
+        self.bodies, self.followers = bodies, followers
+        self._predicted = None
+        geometry.locate(bodies, self.xs, self.ys, self.headings, self.starts)
+        route = self.scenario.route
+        self.route_s, self.route_d = geometry.along(bodies, route.x, route.y, route.heading)
+        for vehicle in things[: 1 + followers]:
+            vehicle.lane_index = self.route_lane_index(vehicle.position)
+            vehicle.lane = self.network.get_lane(vehicle.lane_index)
+
+    def _path_of(self, index: LaneIndex) -> int:
+        if index[0] == "start":
+            return index[2]
+        return self.scenario.lanes + int(index[0].split()[1])
+
+    @property
+    def others(self) -> Array:
+        """Bodies other than the AV and its followers, [M, 10]."""
+        return self.bodies[1 + self.followers :]
+
+    def predicted(self) -> Array:
+        """Poses of :attr:`others` over the coming seconds, [T, M, 3], one every 0.2 s."""
+        if self._predicted is None:
+            self._predicted = geometry.predict(
+                self.others, self.xs, self.ys, self.headings, self.starts, HORIZON, PREDICTION_STEP
+            )
+        return self._predicted
+
+    def route_lane_index(self, position: np.ndarray) -> LaneIndex:
+        """The lane of the route that a position [m, m] is on, or nearest to."""
+        d = self.scenario.route.project(position)[1]
+        lane = int(np.floor((d + self.scenario.half_width) / LANE_WIDTH))
+        return ("start", "destination", min(max(lane, 0), self.scenario.lanes - 1))
+
+    # highway-env asks these.
+    def neighbour_vehicles(
+        self, vehicle: Vehicle, lane_index: LaneIndex | None = None
+    ) -> tuple[Any, Any]:
+        """Leader and follower of a vehicle along a whole lane, obstacles included."""
+        lane = self.network.get_lane(lane_index or vehicle.lane_index)
+        path = lane.path
+        front, rear = geometry.neighbours(
+            self.rows[id(vehicle)], self.bodies, path.x, path.y, path.heading, REACH
+        )
+        things = self._things
+        return (
+            things[front] if front >= 0 else None,
+            things[rear] if rear >= 0 else None,
+        )
+
+    def act(self) -> None:
+        self._things = [*self.vehicles, *self.objects]
+        for vehicle in self.vehicles:
+            vehicle.act()
+
+    def step(self, dt: float) -> None:
+        """Move everything by one time step [s]; followers last, behind where the AV went."""
+        for vehicle in self.vehicles:
+            vehicle.step(dt)
+        self.platoon.step(self.av.position, self.av.speed, self._moved_others(), dt)
+        self.vehicles = [v for v in self.vehicles if not self._gone(v)]
+        self.refresh(dt)
+        self.spawn()
+
+    def _moved_others(self) -> Array:
+        rest = [*self.vehicles[1 + self.followers :], *self.objects]
+        others = np.zeros((len(rest), COLUMNS))
+        for k, thing in enumerate(rest):
+            others[k, [X, Y]] = thing.position
+            others[k, SPEED] = thing.speed
+            others[k, [HALF_LENGTH, HALF_WIDTH]] = thing.LENGTH / 2, thing.WIDTH / 2
+        return others
+
+    def _gone(self, vehicle: Vehicle) -> bool:
+        if not isinstance(vehicle, TrafficVehicle):
+            return False
+        s, _ = vehicle.lane.local_coordinates(vehicle.position)
+        return s > vehicle.lane.length - 2.0 or vehicle.stood_still > STUCK_STEPS
+
+    def spawn(self) -> None:
+        """Let traffic in that the AV has come near to, where there is room."""
+        s_av = self.route_s[0]
+        entered = False
+        while self._waiting_spawns and self._waiting_spawns[0].trigger <= s_av:
+            spawn = self._waiting_spawns.pop(0)
+            k = spawn.lane if spawn.lane is not None else self.scenario.lanes + (spawn.side or 0)
+            path = self.lanes[k].path
+            x, y, _ = path.at(spawn.s)
+            gaps = np.hypot(self.bodies[:, X] - x, self.bodies[:, Y] - y)
+            if gaps.min() > 10.0:
+                self.vehicles.append(TrafficVehicle(self, self.indices[k], spawn))
+                entered = True
+        if entered:
+            self.refresh(dt=0.1)
+
+    # Priority at junctions.
+    def give_way_line(self, vehicle: TrafficVehicle) -> float | None:
+        """Arc length [m] at which a side-road driver waits; None on the route."""
+        side = vehicle.spawn.side
+        return None if side is None else self.scenario.sides[side].give_way_at
+
+    def must_give_way(self, vehicle: TrafficVehicle) -> bool:
+        """Whether someone on the route reaches the conflict zone within the driver's patience."""
+        side = vehicle.spawn.side
+        conflict = None if side is None else self.scenario.sides[side].conflict
+        if conflict is None:
+            return False
+        own = self.scenario.lanes + (side or 0)
+        ahead = conflict[0] - self.route_s
+        on_route = (np.abs(self.route_d) < self.scenario.half_width) & (
+            self.bodies[:, PATH] != own
+        )
+        on_route &= (self.bodies[:, SPEED] > 0.3) | (ahead < 0)
+        arrives = ahead < vehicle.spawn.patience * np.maximum(self.bodies[:, SPEED], 2.0)
+        return bool((on_route & arrives & (self.route_s < conflict[1] + 3.0)).any())
+
+    def collision_partners(self) -> list[int]:
+        """Rows of the bodies that the AV touches."""
+        a = self.bodies[0]
+        found = []
+        for k in range(1, len(self.bodies)):
+            b = self.bodies[k]
+            if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 < 64.0 and geometry.overlaps(
+                a[0], a[1], a[2], a[5], a[6], b[0], b[1], b[2], b[5], b[6]
+            ):
+                found.append(k)
+        return found
+
+
+    def remove(self, rows: list[int]) -> None:
+        """Take bodies off the road, except the AV and its followers."""
+        gone = {row for row in rows if row > self.followers}
+        things = [*self.vehicles, *self.objects]
+        kept = {id(thing) for k, thing in enumerate(things) if k not in gone}
+        self.vehicles = [v for v in self.vehicles if id(v) in kept]
+        self.objects = [o for o in self.objects if id(o) in kept]
+        self.refresh(dt=0.1)

@@ -1,0 +1,176 @@
+"""The vehicles of the X+1+N scene: the automated one, its followers, the traffic, and obstacles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+from highway_env.vehicle.objects import Obstacle
+
+from haim_torchrl.envs.scenario import Spawn
+
+if TYPE_CHECKING:
+    from haim_torchrl.envs.road import PlatoonRoad
+
+BRAKING, THROTTLE = 8.0, 4.0
+"""Strongest deceleration and acceleration of the automated vehicle [m/s²]."""
+STEERING = 0.5
+"""Largest front-wheel angle of the automated vehicle [rad]: a turning radius of 9.5 m."""
+
+
+class AutomatedVehicle(Vehicle):
+    """The AV: highway-env's kinematic bicycle, with a speed in [0, 15] m/s.
+
+    An action is (acceleration, steering), both in [-1, 1]. The first is mapped piecewise, -1 to
+    -8 m/s², 0 to 0 and +1 to +4 m/s²: an affine map would make the zero action brake, and the
+    usual range of ±5 m/s² never goes below the disturbance threshold of -5 m/s².
+    """
+
+    MIN_SPEED = 0.0
+    MAX_SPEED = 15.0
+    target_speed = 12.0  # what MOBIL drivers assume of it when they consider cutting in
+    color = (50, 200, 0)
+
+    def drive(self, action: np.ndarray) -> None:
+        """Set the command of the next step from an action in [-1, 1]²; others are clipped."""
+        self.action = command(action)
+
+    def step(self, dt: float) -> None:
+        delta = self.action["steering"]
+        beta = np.arctan(np.tan(delta) / 2)
+        direction = self.heading + beta
+        before = self.speed
+        self.speed = float(
+            np.clip(before + self.action["acceleration"] * dt, self.MIN_SPEED, self.MAX_SPEED)
+        )
+        self.position = self.position + before * dt * np.array(
+            [np.cos(direction), np.sin(direction)]
+        )
+        self.heading += before * np.sin(beta) / (self.LENGTH / 2) * dt
+
+    def on_state_update(self) -> None:
+        """The road keeps track of where the AV is."""
+
+
+def command(action: np.ndarray) -> dict[str, float]:
+    """The command in physical units of an action in [-1, 1]²: acceleration [m/s²], steering [rad]."""
+    pedal, wheel = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+    return {
+        "acceleration": float(pedal * (THROTTLE if pedal > 0 else BRAKING)),
+        "steering": float(wheel * STEERING),
+    }
+
+
+class FollowerVehicle(Vehicle):
+    """A human driver behind the AV; the platoon moves it along the AV's trail."""
+
+    target_speed = 15.0  # what MOBIL drivers assume of it
+    color = (200, 0, 150)
+
+    def act(self, action: Any = None) -> None:
+        """Followers are moved by :class:`haim_torchrl.envs.platoon.Platoon`."""
+
+    def step(self, dt: float) -> None:
+        """Followers are moved by :class:`haim_torchrl.envs.platoon.Platoon`."""
+
+    def on_state_update(self) -> None:
+        """Followers have no lane of their own."""
+
+
+class TrafficVehicle(IDMVehicle):
+    """highway-env's IDM/MOBIL driver on path lanes.
+
+    It slows down for bends, and on a side road it waits at the give-way line for a gap.
+    Collisions among traffic are not checked: two crashed traffic vehicles would block the road
+    for good, and most failed expert episodes in earlier trials were such deadlocks.
+    """
+
+    MIN_SPEED = 0.0
+    COMFORT_ACC_MAX = 2.5
+    COMFORT_ACC_MIN = -3.5
+    TIME_WANTED = 1.2
+    DISTANCE_WANTED = 3.0 + Vehicle.LENGTH
+
+    road: PlatoonRoad
+
+    def __init__(self, road: PlatoonRoad, lane_index: tuple[str, str, int], spawn: Spawn) -> None:
+        lane = road.network.get_lane(lane_index)
+        x, y, heading = lane.path.at(spawn.s)
+        # highway-env would search all lanes for the closest; the spawn knows it.
+        super().__init__(None, np.array([x, y]), heading, min(spawn.speed, lane.speed_at(spawn.s)))
+        self.road = road
+        self.lane_index = self.target_lane_index = lane_index
+        self.lane = lane
+        self.spawn = spawn
+        self.enable_lane_change = spawn.side is None
+        self.check_collisions = False
+        self.waiting = False
+        self.stood_still = 0
+        self.timer = float(np.sum(self.position) * np.pi) % self.LANE_CHANGE_DELAY
+
+    def follow_road(self) -> None:
+        """Lanes end with the route: there is no next one."""
+
+    def act(self, action: Any = None) -> None:
+        lane = self.road.network.get_lane(self.target_lane_index)
+        s, _ = lane.local_coordinates(self.position)
+        self.target_speed = max(min(self.spawn.speed, lane.speed_at(s)), 1.0)
+        super().act()
+        line = self.road.give_way_line(self)
+        self.waiting = False
+        if line is not None and s < line and self.road.must_give_way(self):
+            self.waiting = True
+            gap = max(line - s - self.LENGTH / 2, 0.1)
+            wanted = 1.0 + self.speed * 0.5 + self.speed**2 / (2 * np.sqrt(2.5 * 3.5))
+            stop = self.COMFORT_ACC_MAX * (1 - (wanted / gap) ** 2)
+            self.action["acceleration"] = float(
+                np.clip(min(self.action["acceleration"], stop), -self.ACC_MAX, self.ACC_MAX)
+            )
+
+    def step(self, dt: float) -> None:
+        super().step(dt)
+        self.speed = max(self.speed, 0.0)
+        self.stood_still = 0 if self.speed > 0.3 or self.waiting else self.stood_still + 1
+
+    def on_state_update(self) -> None:
+        if self.road is not None and self.enable_lane_change:
+            self.lane_index = self.road.route_lane_index(self.position)
+            self.lane = self.road.network.get_lane(self.lane_index)
+
+
+class RoadObstacle(Obstacle):
+    """A thing that closes a lane: a row of cones or a warning triangle."""
+
+    SIZES = {"cones": (3.0, 2.4), "triangle": (1.0, 1.6)}
+
+    def __init__(self, kind: str, position: np.ndarray, heading: float) -> None:
+        self.LENGTH, self.WIDTH = self.SIZES[kind]
+        super().__init__(None, position, heading)
+        self.kind = kind
+
+
+class StoppedVehicle(Vehicle):
+    """A broken-down vehicle, or one that crawls along its lane at a constant speed."""
+
+    color = (100, 100, 100)
+
+    def __init__(self, road: PlatoonRoad, lane_index: tuple[str, str, int], s: float, speed: float):
+        lane = road.network.get_lane(lane_index)
+        x, y, heading = lane.path.at(s)
+        super().__init__(None, np.array([x, y]), heading, speed)
+        self.lane_index, self.lane, self.s = lane_index, lane, s
+        self.check_collisions = False
+
+    def act(self, action: Any = None) -> None:
+        """Nobody decides anything here."""
+
+    def step(self, dt: float) -> None:
+        if self.speed > 0:
+            self.s += self.speed * dt
+            x, y, self.heading = self.lane.path.at(self.s)
+            self.position = np.array([x, y])
+
+    def on_state_update(self) -> None:
+        """It keeps its lane."""
