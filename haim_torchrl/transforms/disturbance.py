@@ -92,7 +92,7 @@ class DisturbanceTransform(Transform):
         keys = self.keys
         acceleration = next_tensordict.get(keys.acceleration)
         previous = tensordict.get(keys.acceleration)
-        if bool((torch.minimum(acceleration, previous) <= self.threshold).any()):
+        if min(acceleration.min().item(), previous.min().item()) <= self.threshold:
             hard, onset, cost = self._charge(tensordict, next_tensordict, acceleration, previous)
         else:  # nobody brakes: nearly every step
             hard = torch.zeros_like(acceleration, dtype=torch.bool)

@@ -165,7 +165,7 @@ class InterventionTransform(Transform):
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         decision, keys = self._decision, self.keys
         assert decision is not None
-        starting = torch.tensor([decision.starting])
+        starting = torch.full((1,), decision.starting)
         if decision.starting:
             cost = self.cost(decision.agent, decision.mentor, starting).reshape(1)
         else:
@@ -173,7 +173,7 @@ class InterventionTransform(Transform):
         next_tensordict.set(keys.action_agent, decision.agent)
         next_tensordict.set(keys.action_mentor, decision.mentor)
         next_tensordict.set(keys.behavior_action, decision.executed)
-        next_tensordict.set(keys.intervention, torch.tensor([decision.intervening]))
+        next_tensordict.set(keys.intervention, torch.full((1,), decision.intervening))
         next_tensordict.set(keys.takeover_start, starting)
         next_tensordict.set(keys.takeover_cost, cost)
         return next_tensordict
