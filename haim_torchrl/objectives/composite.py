@@ -87,7 +87,7 @@ class HAIMLoss(LossModule):
         batch = ForwardPass(tensordict)
         result = TensorDict()
         for _, term in self.named_terms():
-            result.update(term.evaluate(batch))
+            result.update(term.compute(batch))
         self._clear_weakrefs(tensordict, result)
         return result
 

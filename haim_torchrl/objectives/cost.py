@@ -78,9 +78,9 @@ class CostCriticLoss(TemporalDifferenceTerm):
     ) -> Tensor:
         """Cost plus discounted expected cost (eq 22, 24), ``[..., 1]``."""
         return functional.cost_td_target(
-            batch.read(("next", self.tensor_keys.cost), self),
+            batch.read(("next", self.tensor_keys.cost)),
             next_values,
-            batch.read(("next", self.tensor_keys.terminated), self),
+            batch.read(("next", self.tensor_keys.terminated)),
             gamma=gamma,
             reduction=self.target_reduction,
         )

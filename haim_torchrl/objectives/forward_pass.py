@@ -32,27 +32,16 @@ class ForwardPass:
         self.tensordict = tensordict
         self._results: dict[Hashable, Any] = {}
 
-    def read(self, key: NestedKey, reader: object) -> Tensor:
+    def read(self, key: NestedKey) -> Tensor:
         """An entry of the batch.
 
         Args:
             key: the entry.
-            reader: the term that reads it, for the message.
 
         Returns:
-            The entry.
-
-        Raises:
-            KeyError: if the batch has no such entry; the message names the term and the entry.
+            The entry. (A missing one makes the term fail, which then names it.)
         """
-        value = self.tensordict.get(key, default=None)
-        if value is None:
-            raise KeyError(
-                f"{type(reader).__name__} needs the entry {key!r}, which the batch lacks; it has "
-                f"{sorted(map(str, self.tensordict.keys(True, True)))}. Record it, or name "
-                "another one with set_keys()."
-            )
-        return value
+        return self.tensordict.get(key)
 
     def fresh_action(
         self, policy: PolicyFunction, params: TensorDictParams
@@ -90,7 +79,7 @@ class ForwardPass:
         return self._once(("next", id(policy.network)), sample)
 
     def stored_values(
-        self, critic: CriticFunction, params: TensorDictParams, key: NestedKey, reader: object
+        self, critic: CriticFunction, params: TensorDictParams, key: NestedKey
     ) -> Tensor:
         """Values of a stored action, with gradient to the critic.
 
@@ -98,7 +87,6 @@ class ForwardPass:
             critic: the critic.
             params: its parameters.
             key: where the action is stored.
-            reader: the term that asks, for messages.
 
         Returns:
             Values, ``[..., E]``.
@@ -106,7 +94,7 @@ class ForwardPass:
 
         def values() -> Tensor:
             embedding = self._embedding(critic, params)
-            return critic.values(params, embedding, self.read(key, reader))
+            return critic.values(params, embedding, self.read(key))
 
         return self._once(("stored", id(critic.network), key), values)
 

@@ -72,6 +72,17 @@ def _find(network: nn.Module, key: NestedKey) -> tuple[dict[str, Any], str]:
     return (network._parameters if name in network._parameters else network._buffers), name
 
 
+def _inputs(tensordict: TensorDictBase, keys: Sequence[NestedKey]) -> TensorDictBase:
+    """What a network reads, in a tensordict of its own that it may write to.
+
+    Without batch dimensions: those of the data are not always known (a call without a tensordict
+    guesses them), and a network does not need them.
+    """
+    data = tensordict.select(*keys)
+    data.batch_size = []
+    return data
+
+
 class PolicyFunction(FunctionalNetwork):
     """A stochastic policy as a function of parameters and data."""
 
@@ -90,7 +101,8 @@ class PolicyFunction(FunctionalNetwork):
         return self.run(params, self._sample, tensordict)
 
     def _sample(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
-        action, log_prob = rsample_and_log_prob(self.network.get_dist(tensordict))
+        data = _inputs(tensordict, self.network.in_keys)
+        action, log_prob = rsample_and_log_prob(self.network.get_dist(data))
         if log_prob.ndim < action.ndim:
             log_prob = log_prob.unsqueeze(-1)
         return action, log_prob
@@ -146,7 +158,7 @@ class CriticFunction(FunctionalNetwork):
 
     def embed(self, params: TensorDictParams, tensordict: TensorDictBase) -> Any:
         """What :meth:`values` needs of the data besides the action."""
-        return tensordict.select(*self.observation_keys)
+        return _inputs(tensordict, self.observation_keys)
 
     def values(
         self, params: TensorDictParams, embedding: Any, action: Tensor, *, detach: bool = False

@@ -73,9 +73,9 @@ class PreferenceTerm(CriticTerm):
             Loss, share of intervened transitions, mean of Q(mentor) − Q(agent) over them.
         """
         params, keys = self.critic_network_params, self.tensor_keys
-        values_agent = batch.stored_values(self.critic, params, keys.action_agent, self)
-        values_mentor = batch.stored_values(self.critic, params, keys.action_mentor, self)
-        intervention = batch.read(keys.intervention, self)
+        values_agent = batch.stored_values(self.critic, params, keys.action_agent)
+        values_mentor = batch.stored_values(self.critic, params, keys.action_mentor)
+        intervention = batch.read(keys.intervention)
         loss = self.weight * self.preference(values_agent, values_mentor, intervention)
         count = intervention.sum()
         gap = (values_mentor.detach() - values_agent.detach()).mean(-1, keepdim=True)

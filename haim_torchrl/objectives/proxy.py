@@ -82,7 +82,7 @@ class ProxyQLoss(TemporalDifferenceTerm):
         return functional.proxy_td_target(
             next_values,
             next_log_prob,
-            batch.read(("next", self.tensor_keys.terminated), self),
+            batch.read(("next", self.tensor_keys.terminated)),
             alpha=self.temperature(),
             gamma=gamma,
             reduction=self.target_reduction,

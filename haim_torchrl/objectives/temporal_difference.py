@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tensordict import NestedKey
+from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictParams
 from torch import Tensor
 from torchrl.modules import ProbabilisticActor
@@ -117,13 +117,13 @@ class TemporalDifferenceTerm(CriticTerm):
             Loss, mean value, mean and largest absolute value, mean absolute error.
         """
         params = self.critic_network_params
-        values = batch.stored_values(self.critic, params, self.action_key, self)
+        values = batch.stored_values(self.critic, params, self.action_key)
         action, log_prob = batch.next_action(self._policy, self.actor_network_params)
         next_values = batch.next_values(self.critic, self.target_critic_network_params, action)
         target = self.target(batch, next_values, log_prob, self._discount(batch)).detach()
         loss = functional.td_loss(values, target)
         error = (values.detach() - target).abs().amax(-1)
-        batch.tensordict.set(self.tensor_keys.priority, error)
+        self._write_priority(batch.tensordict, error)
         values = values.detach()
         size = values.abs()
         numbers = (values.mean(), size.mean(), size.amax(), error.mean())
@@ -176,6 +176,12 @@ class TemporalDifferenceTerm(CriticTerm):
                 raise ValueError(f"gamma must lie in [0, 1], got {gamma}.")
             self.gamma = float(gamma)  # type: ignore[assignment]
         return self
+
+    def _write_priority(self, tensordict: TensorDictBase, error: Tensor) -> None:
+        # Data handed over without a tensordict may have been given one dimension more.
+        if tensordict.batch_dims > error.ndim:
+            error = error.reshape(tensordict.batch_size)
+        tensordict.set(self.tensor_keys.priority, error)
 
     def _discount(self, batch: ForwardPass) -> Tensor:
         steps = batch.tensordict.get(self.tensor_keys.steps_to_next_obs, default=None)

@@ -92,9 +92,33 @@ class LossTerm(LossModule):
         Returns:
             The loss and the diagnostics.
         """
-        result = TensorDict(self.evaluate(ForwardPass(tensordict)))
+        result = TensorDict(self.compute(ForwardPass(tensordict)))
         self._clear_weakrefs(tensordict, result, *self._parameter_names())
         return result
+
+    def compute(self, batch: ForwardPass) -> dict[str, Tensor]:
+        """Does :meth:`evaluate`, and explains a failure for want of an entry.
+
+        Args:
+            batch: the data and what has been computed from it.
+
+        Returns:
+            An entry for each of :attr:`out_keys`.
+
+        Raises:
+            KeyError: if the batch lacks an entry; the message names the term and the entry.
+        """
+        try:
+            return self.evaluate(batch)
+        except (AttributeError, KeyError, RuntimeError, TypeError) as error:
+            for key in self.in_keys:
+                if batch.tensordict.get(key, default=None) is None:
+                    raise KeyError(
+                        f"{type(self).__name__} needs the entry {key!r}, which the batch lacks; "
+                        f"it has {sorted(map(str, batch.tensordict.keys(True, True)))}. Record "
+                        "it, or name another one with set_keys()."
+                    ) from error
+            raise
 
     @property
     def in_keys(self) -> list[NestedKey]:
