@@ -31,6 +31,7 @@ from haim_torchrl.evaluation.drivers import (
     PolicyDriver,
     RandomDriver,
     StraightDriver,
+    simulator_of,
 )
 from haim_torchrl.evaluation.training_log import ScalarLogger
 from haim_torchrl.modules import Temperature
@@ -125,9 +126,14 @@ class World:
         )
 
     def __call__(self) -> EnvBase:
-        """A new environment."""
-        chosen = {"start": self.scenarios.start, "count": self.scenarios.count}
-        env = TransformedEnv(build({**self.env, "_partial_": True}, scenarios=chosen))
+        """A new environment.
+
+        The environment's settings are completed by ``first_scenario`` and ``scenarios``, the set
+        that resets without a seed draw from. A simulator that says how hard it can brake
+        (``minimum_acceleration``) is held against the threshold of a disturbance.
+        """
+        base = build(self.env, first_scenario=self.scenarios.start, scenarios=self.scenarios.count)
+        env = TransformedEnv(base)
         if self.switch is not None:
             env.append_transform(
                 InterventionTransform(
@@ -136,7 +142,8 @@ class World:
                     cost=self.takeover_cost,
                 )
             )
-        env.append_transform(build(self.disturbance))
+        hardest = getattr(simulator_of(base), "minimum_acceleration", None)
+        env.append_transform(build({**self.disturbance, "min_acceleration": hardest}))
         return env
 
     def seeds(self) -> range:

@@ -91,43 +91,99 @@ class EvalConfig:
 
 
 @dataclass
-class RunConfig:
-    """The settings of a run outside the groups, and the groups as they come.
+class BaseConfig:
+    """What every recipe needs: a world, who drives in it, and how that is measured.
 
     Attributes:
-        name: Name of the run; its folder is ``runs/<name>/<date>``.
+        name: Name of the run; its folder is ``runs/<name>/<date>_<time>``.
         seed: Seed of everything random.
         device: ``cpu``, ``cuda`` or ``auto``.
         threads: Threads of torch in this process.
-        compile: Whether to compile the update; worth it for long runs only.
-        total_frames: Environment steps of training.
-        resume: Run folder or checkpoint to go on from; null for a new run.
     """
 
     name: str = MISSING
     seed: int = 0
     device: str = "cpu"
     threads: int = 1
-    compile: bool = False
-    total_frames: int = 30_000
-    resume: str | None = None
     env: dict[str, Any] = field(default_factory=dict)
     mentor: dict[str, Any] = field(default_factory=dict)
     switch: dict[str, Any] = field(default_factory=dict)
     loss: dict[str, Any] = field(default_factory=dict)
-    replay: dict[str, Any] = field(default_factory=dict)
     actor: dict[str, Any] = field(default_factory=dict)
+    eval: EvalConfig = field(default_factory=EvalConfig)
+
+
+@dataclass
+class RunConfig(BaseConfig):
+    """Settings of ``recipes/haim.py``.
+
+    Attributes:
+        compile: Whether to compile the losses; worth it for long runs only.
+        total_frames: Environment steps of training.
+        resume: Run folder or checkpoint to go on from; null for a new run.
+        train: How collecting and learning alternate.
+    """
+
+    compile: bool = False
+    total_frames: int = 30_000
+    resume: str | None = None
+    replay: dict[str, Any] = field(default_factory=dict)
     critic: dict[str, Any] = field(default_factory=dict)
     optimizer: dict[str, Any] = field(default_factory=dict)
     collector: dict[str, Any] = field(default_factory=dict)
     logger: dict[str, Any] = field(default_factory=dict)
     train: TrainConfig = field(default_factory=TrainConfig)
-    eval: EvalConfig = field(default_factory=EvalConfig)
+
+
+@dataclass
+class CloneConfig:
+    """How the mentor is cloned.
+
+    Attributes:
+        steps: Mentor-driven steps to record.
+        like: Folder of a run whose number of mentor-driven steps is recorded instead, or null.
+        updates: Gradient steps.
+        batch_size: Steps in one.
+        lr: Learning rate.
+        loss_function: ``l2`` on the deterministic action, or ``nll`` for its negative log-density.
+        validate_every: Gradient steps between validations; the best is kept.
+    """
+
+    steps: int = 4000
+    like: str | None = None
+    updates: int = 10_000
+    batch_size: int = 256
+    lr: float = 3e-4
+    loss_function: str = "l2"
+    validate_every: int = 2500
+
+
+@dataclass
+class CloneRunConfig(BaseConfig):
+    """Settings of ``recipes/clone.py``."""
+
+    clone: CloneConfig = field(default_factory=CloneConfig)
+
+
+@dataclass
+class EvaluateConfig(BaseConfig):
+    """Settings of ``recipes/evaluate.py``.
+
+    Attributes:
+        checkpoint: Run folder or checkpoint of the policy; null where no policy drives.
+        driver: ``policy``, ``policy+mentor``, ``mentor``, ``random``, ``straight``, or a list.
+    """
+
+    checkpoint: str | None = None
+    driver: Any = "policy"
 
 
 def register_schemas() -> None:
     """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
-    ConfigStore.instance().store(name="run_schema", node=RunConfig)
+    store = ConfigStore.instance()
+    store.store(name="run_schema", node=RunConfig)
+    store.store(name="clone_schema", node=CloneRunConfig)
+    store.store(name="evaluate_schema", node=EvaluateConfig)
 
 
 def scenario_set(node: Any) -> ScenarioSet:
@@ -169,37 +225,8 @@ def check_config(config: DictConfig) -> None:
     missing = OmegaConf.missing_keys(config)
     if missing:
         raise ConfigError(f"{sorted(missing)[0]} has no value; set it on the command line")
-    train = config.train
-    for key, low in (
-        ("batch_size", 1),
-        ("learning_starts", 0),
-        ("log_every", 1),
-        ("checkpoint_every", 1),
-        ("validate_every", 0),
-        ("no_takeover_after", 1),
-    ):
-        if train[key] < low:
-            raise ConfigError(f"train.{key} must be at least {low}; got {train[key]}")
-    if train.updates_per_step <= 0.0:
-        raise ConfigError(f"train.updates_per_step must be positive; got {train.updates_per_step}")
     if config.threads < 1:
         raise ConfigError(f"threads must be at least 1; got {config.threads}")
-    frames = int(config.collector.get("frames_per_batch", 1))
-    if not 1 <= frames <= config.total_frames:
-        raise ConfigError(
-            "collector.frames_per_batch must lie between 1 and total_frames "
-            f"({config.total_frames}); got {frames}"
-        )
-    if train.learning_starts >= config.total_frames:
-        raise ConfigError(
-            f"train.learning_starts ({train.learning_starts}) must be below total_frames "
-            f"({config.total_frames}), or nothing is ever learned"
-        )
-    capacity = config.replay.get("capacity")
-    if capacity is not None and capacity < train.batch_size:
-        raise ConfigError(
-            f"replay.capacity ({capacity}) must be at least train.batch_size ({train.batch_size})"
-        )
     for key, allowed in (
         ("checkpoint", ("best", "last")),
         ("set", ("test", "validation", "train")),
@@ -210,13 +237,70 @@ def check_config(config: DictConfig) -> None:
             )
     if not 0.0 < config.eval.level < 1.0:
         raise ConfigError(f"eval.level must lie between 0 and 1; got {config.eval.level}")
+    if config.eval.workers < 1:
+        raise ConfigError(f"eval.workers must be at least 1; got {config.eval.workers}")
+    check_scenarios(config.eval)
+    find_device(config.device)
+    if "train" in config:
+        _check_training(config)
+    if "clone" in config:
+        _check_at_least(config.clone, "clone", steps=1, updates=1, batch_size=1, validate_every=1)
+        if config.clone.loss_function not in ("l2", "nll"):
+            raise ConfigError(
+                f"clone.loss_function must be l2 or nll; got {config.clone.loss_function}"
+            )
+
+
+def _check_at_least(settings: Any, group: str, **lowest: int) -> None:
+    for key, low in lowest.items():
+        if settings[key] < low:
+            raise ConfigError(f"{group}.{key} must be at least {low}; got {settings[key]}")
+
+
+def _check_training(config: DictConfig) -> None:
+    train = config.train
+    _check_at_least(
+        train,
+        "train",
+        batch_size=1,
+        learning_starts=0,
+        log_every=1,
+        checkpoint_every=1,
+        validate_every=0,
+        no_takeover_after=1,
+    )
+    if train.updates_per_step <= 0.0:
+        raise ConfigError(f"train.updates_per_step must be positive; got {train.updates_per_step}")
+    if train.max_grad_norm is not None and train.max_grad_norm <= 0.0:
+        raise ConfigError(
+            f"train.max_grad_norm must be positive, or null for none; got {train.max_grad_norm}"
+        )
+    total, frames = config.total_frames, int(config.collector.get("frames_per_batch", 1))
+    if not 1 <= frames <= total:
+        raise ConfigError(
+            f"collector.frames_per_batch must lie between 1 and total_frames ({total}); "
+            f"got {frames}"
+        )
+    if total % frames:
+        raise ConfigError(
+            f"total_frames ({total}) must be a multiple of collector.frames_per_batch ({frames}); "
+            f"use total_frames={total // frames * frames}"
+        )
+    if train.learning_starts >= total:
+        raise ConfigError(
+            f"train.learning_starts ({train.learning_starts}) must be below total_frames ({total}),"
+            " or nothing is ever learned"
+        )
+    capacity = config.replay.get("capacity")
+    if capacity is not None and capacity < train.batch_size:
+        raise ConfigError(
+            f"replay.capacity ({capacity}) must be at least train.batch_size ({train.batch_size})"
+        )
     if config.eval.checkpoint == "best" and train.validate_every == 0:
         raise ConfigError(
             "eval.checkpoint=best needs validations; set train.validate_every above 0 or "
             "eval.checkpoint=last"
         )
-    check_scenarios(config.eval)
-    find_device(config.device)
 
 
 @functools.cache

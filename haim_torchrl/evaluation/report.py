@@ -58,6 +58,21 @@ def draw_episode(episode: Episode, folder: Path, brake_limit: float) -> list[Pat
     ]
 
 
+def training_headings(totals: Mapping[str, float] | None) -> dict[str, str]:
+    """Training columns of the paper's Table 1 as text; empty for who was not trained."""
+    if totals is None:
+        return {}
+    headings = {
+        "training safety violation": f"{totals['violations']:.0f}",
+        "training data usage": f"{totals['frames']:.0f}",
+        "mentor-driven steps": f"{totals['mentor_steps']:.0f}",
+    }
+    if "takeover_rate_first_fifth" in totals:
+        first, last = totals["takeover_rate_first_fifth"], totals["takeover_rate_last_fifth"]
+        headings["takeover rate first/last fifth"] = f"{first:.3f} / {last:.3f}"
+    return headings
+
+
 def final_report(
     folder: Path,
     config: DictConfig,
@@ -82,15 +97,7 @@ def final_report(
     recorded = [world.seeds()[0]] if config.eval.pictures else []
     result = drive_set(driver, world, workers=config.eval.workers, record=recorded, label="test")
     summary = result.summary(config.eval.level)
-    headings = {
-        "training safety violation": f"{training['violations']:.0f}",
-        "training data usage": f"{training['frames']:.0f}",
-        "mentor-driven steps": f"{training['mentor_steps']:.0f}",
-        "takeover rate first/last fifth": (
-            f"{training['takeover_rate_first_fifth']:.3f} / "
-            f"{training['takeover_rate_last_fifth']:.3f}"
-        ),
-    }
+    headings = training_headings(training)
     rows = {config.name: summary}
     title = f"{len(result.records)} held-out scenarios, no mentor"
     print_tables(main_table(rows, title, {config.name: headings}), split_table(rows))
@@ -106,8 +113,8 @@ def final_report(
     if path.exists():  # of the shorter run that this one went on with
         path = folder / f"metrics_{training['frames']:.0f}.json"
     write_metrics(path, contents)
-    if config.eval.pictures:
+    if (folder / "train.csv").exists() and config.eval.pictures:
         draw_curves(folder, folder / "curves.png")
-        for episode in result.episodes:
-            draw_episode(episode, folder, config.loss.implicit.cost.threshold)
+    for episode in result.episodes:
+        draw_episode(episode, folder, config.loss.implicit.cost.threshold)
     return contents

@@ -25,7 +25,7 @@ from haim_torchrl.evaluation.checkpoint import (
     save_checkpoint,
 )
 from haim_torchrl.evaluation.command import RunFailed
-from haim_torchrl.evaluation.config import ConfigError, RunConfig
+from haim_torchrl.evaluation.config import BaseConfig, ConfigError, RunConfig
 from haim_torchrl.evaluation.drivers import PolicyDriver
 from haim_torchrl.evaluation.evaluator import evaluate
 from haim_torchrl.evaluation.metrics import Summary
@@ -229,6 +229,7 @@ class Run:
                 "config": OmegaConf.to_yaml(self.config),
                 "frames": self.schedule.frames,
                 "actor": self.actor.state_dict(),
+                "totals": dict(self.log.totals),
                 "validation": dict(figures),
             },
         )
@@ -265,9 +266,7 @@ def resumed_config(config: DictConfig, hydra: HydraConf) -> DictConfig:
     saved, parts = saved_config(contents, path), contents.get("choices", {})
     result = OmegaConf.merge(OmegaConf.structured(RunConfig), saved)
     assert isinstance(result, DictConfig)
-    for text in hydra.overrides.task:
-        key, _, value = text.partition("=")
-        key = key.lstrip("+~").partition("@")[0]
+    for text, key, value in _overrides(hydra):
         if key not in hydra.runtime.choices:
             OmegaConf.update(result, key, OmegaConf.select(config, key), force_add=False)
         elif parts.get(key) != value:
@@ -276,6 +275,41 @@ def resumed_config(config: DictConfig, hydra: HydraConf) -> DictConfig:
                 f"{key}={parts.get(key)}; start a new run to change it"
             )
     return result
+
+
+def evaluated_config(config: DictConfig, hydra: HydraConf, path: Path) -> DictConfig:
+    """The settings to evaluate a policy with: the world it was trained in, and what is given now.
+
+    Args:
+        config: Settings composed from the files and the command line.
+        hydra: Hydra's own settings of this job.
+        path: The policy's checkpoint.
+
+    Raises:
+        CheckpointError: If the checkpoint is missing or foreign.
+    """
+    saved = saved_config(load_checkpoint(path), path)
+    shared = [key for key in BaseConfig.__dataclass_fields__ if key in saved and key != "name"]
+    result = OmegaConf.merge(config, OmegaConf.masked_copy(saved, shared))
+    assert isinstance(result, DictConfig)
+    result.eval.set = config.eval.set
+    for _, key, _ in _overrides(hydra):
+        if key != "eval":
+            OmegaConf.update(result, key.replace("/", "."), _selected(config, key))
+    return result
+
+
+def _selected(config: DictConfig, key: str) -> Any:
+    return OmegaConf.select(config, key.replace("/", "."))
+
+
+def _overrides(hydra: HydraConf) -> list[tuple[str, str, str]]:
+    """Overrides of the command line: text, key or group, value."""
+    found = []
+    for text in hydra.overrides.task:
+        key, _, value = text.partition("=")
+        found.append((text, key.lstrip("+~").partition("@")[0], value))
+    return found
 
 
 def _choices() -> dict[str, str]:

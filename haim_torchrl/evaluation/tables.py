@@ -16,9 +16,9 @@ from haim_torchrl.evaluation.metrics import Summary
 from haim_torchrl.evaluation.statistics import Estimate
 
 TABLE_COLUMNS: tuple[tuple[str, str, int], ...] = (
-    ("success", "test success", 2),
-    ("violations", "test safety violation", 2),
-    ("return", "test return", 1),
+    ("success", "success", 2),
+    ("violations", "safety violation", 2),
+    ("return", "return", 1),
     ("disturbance_rate", "disturbance rate", 4),
     ("disturbance_onsets_per_km", "onsets per km", 2),
     ("takeover_rate", "takeover rate", 3),
