@@ -9,10 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
 from haim_torchrl.envs.geometry import cast_rays
+from haim_torchrl.envs.path import Array, project
 from haim_torchrl.envs.road import PlatoonRoad
 from haim_torchrl.envs.vehicles import AutomatedVehicle
 
@@ -24,33 +26,46 @@ class ObservationConfig:
     Attributes:
         rays: number of rays around the AV.
         reach: their range [m].
-        closeness: give (1 - distance / reach)² instead of distance / reach. Cloning a mentor with
-            closeness and relative speed drove twice as well as with plain distances.
-        relative_speed: add the relative speed along each ray.
+        view: "rays" gives them as they are (the paper's observation); "route" sorts what they hit
+            into strips along the route (see :func:`route_view`), which is much easier to learn
+            from: a mentor cloned from 30 000 samples drove 35 of 40 unseen scenarios with it and
+            26 of 40 with the plain rays.
+        closeness: in "rays", give (1 - distance / reach)² instead of distance / reach.
+        relative_speed: in "rays", add the relative speed along each ray.
         navigation: distances ahead [m] of the route points.
+        strips: in "route", borders [m] of the strips, to the right of the nearest lane's middle.
     """
 
     rays: int = 240
     reach: float = 50.0
+    view: str = "route"
     closeness: bool = True
     relative_speed: bool = True
     navigation: tuple[float, ...] = (4.0, 8.0, 12.0, 16.0, 20.0, 30.0, 40.0, 50.0)
+    strips: tuple[float, ...] = (
+        *(-60.0, -25.0, -15.0, -10.0, -7.0, -6.0, -5.0, -4.0, -3.0, -2.0, -1.0),
+        *(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0, 15.0, 25.0, 60.0),
+    )
 
     def __post_init__(self) -> None:
         if self.rays < 1 or self.reach <= 0:
             raise ValueError("observation: rays and reach must be positive")
         if any(distance <= 0 for distance in self.navigation):
             raise ValueError("observation.navigation: distances ahead must be positive")
+        if self.view not in ("rays", "route"):
+            raise ValueError(f"observation.view: choose 'rays' or 'route', got {self.view!r}")
+        if list(self.strips) != sorted(set(self.strips)) or len(self.strips) < 2:
+            raise ValueError("observation.strips: borders must be increasing, at least two")
 
     @property
     def layout(self) -> dict[str, slice]:
         """Where each part lies in the observation vector."""
-        sizes = {
-            "ego": 6,
-            "navigation": 2 * len(self.navigation),
-            "closeness" if self.closeness else "distance": self.rays,
-            "relative_speed": self.rays if self.relative_speed else 0,
-        }
+        sizes = {"ego": 6, "navigation": 2 * len(self.navigation)}
+        if self.view == "route":
+            sizes["strips"] = 4 * (len(self.strips) - 1)
+        else:
+            sizes["closeness" if self.closeness else "distance"] = self.rays
+            sizes["relative_speed"] = self.rays if self.relative_speed else 0
         ends = np.cumsum(list(sizes.values()))
         return {
             name: slice(int(end) - size, int(end))
@@ -71,7 +86,8 @@ def observe(
     Ego: speed / 15 m/s; sine of the heading error to the route; distances to the left and right
     road edge / 10 m; offset to the middle of the nearest lane / 2 m; number of lanes to the right
     minus to the left. Navigation: points of the nearest lane's middle ahead, in the ego frame
-    (x ahead / 50 m, y to the right / 20 m). Rays: clockwise from straight ahead.
+    (x ahead / 50 m, y to the right / 20 m). Rays: clockwise from straight ahead, or sorted into
+    strips (:func:`route_view`). Speeds along rays are divided by 15 m/s.
     """
     scenario = road.scenario
     s, d = float(road.route_s[0]), float(road.route_d[0])
@@ -101,8 +117,62 @@ def observe(
     distance, rate = cast_rays(
         x, y, heading, av.speed, road.bodies[1:], config.rays, config.reach
     )
+    if config.view == "route":
+        route = scenario.route.part(s - config.reach, s + config.reach)
+        start = max(round(s - config.reach), 0)
+        out[k:] = route_view(
+            x, y, heading, distance, rate, config.reach, s - start, middle,
+            route.x, route.y, route.heading, np.array(config.strips),
+        )  # fmt: skip
+        return out
     share = distance / config.reach
     out[k : k + config.rays] = (1 - share) ** 2 if config.closeness else share
     if config.relative_speed:
         out[k + config.rays :] = rate / 15.0
+    return out
+
+
+@njit(cache=True)
+def route_view(
+    x: float, y: float, heading: float, distances: Array, rates: Array, reach: float,
+    s: float, middle: float, xs: Array, ys: Array, headings: Array, borders: Array,
+) -> Array:
+    """What rays hit, sorted into strips along the route.
+
+    A pure function of the rays and the route ahead, so it knows nothing that the rays do not. The
+    network need not learn trigonometry to tell "in my lane, round the bend" from "beside me".
+
+    Args:
+        x, y, heading: the AV.
+        distances, rates: the rays [m, m/s], clockwise from straight ahead, each [R].
+        reach: their range [m].
+        s, middle: the AV's arc length and its lane's offset on the route part [m].
+        xs, ys, headings: the part of the route within reach.
+        borders: the strips' borders to the right of `middle` [m], [K + 1].
+
+    Returns:
+        For each strip, nearest hit ahead: closeness (1 - distance along the route / reach)² and
+        rate / 15 m/s; the same for the nearest hit behind; [4 K]. Zeros where nothing is hit.
+    """
+    strips = len(borders) - 1
+    out = np.zeros(4 * strips)
+    nearest = np.full(2 * strips, reach)
+    count = len(distances)
+    for ray in range(count):
+        if distances[ray] >= reach:
+            continue
+        angle = heading + ray * 2 * np.pi / count
+        hit_s, hit_d = project(
+            x + distances[ray] * np.cos(angle), y + distances[ray] * np.sin(angle),
+            xs, ys, headings,
+        )  # fmt: skip
+        strip = np.searchsorted(borders, hit_d - middle, side="right") - 1
+        if strip < 0 or strip >= strips:
+            continue
+        along = hit_s - s
+        slot = 2 * strip + (0 if along >= 0 else 1)
+        if abs(along) < nearest[slot]:
+            nearest[slot] = abs(along)
+            out[2 * slot] = (1 - abs(along) / reach) ** 2
+            out[2 * slot + 1] = rates[ray] / 15.0
     return out
