@@ -122,7 +122,9 @@ class TakeoverReplayBuffer:
         Raises:
             KeyError: if an entry to keep is missing.
         """
-        flat = tensordict.reshape(-1)
+        if not tensordict.numel():
+            return
+        flat = tensordict if tensordict.batch_dims == 1 else tensordict.reshape(-1)
         if not self._keys:
             self._keys = self._choose_keys(flat)
         rows = {key: self._read(flat, key) for key in self._keys}

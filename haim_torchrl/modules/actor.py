@@ -20,8 +20,8 @@ class ActorMLP(nn.Module):
     """Perceptron from observations to the mean and spread of a Gaussian.
 
     The spread is ``softplus(x + c) + minimum_std``, c such that an output of zero means
-    ``initial_std``: smooth everywhere, positive, and bounded below so that log-densities stay
-    finite. (A clamped logarithm has no gradient outside its bounds.)
+    ``initial_std``: bounded below, so that log-densities stay finite, and smooth everywhere. (A
+    clamped spread or logarithm has no gradient outside its bounds and may stay there.)
 
     Args:
         observation_dim: size D of the observation, or of the encoder's features.
@@ -48,7 +48,7 @@ class ActorMLP(nn.Module):
         activation: Callable[[], nn.Module] = RELU,
         encoder: nn.Module | None = None,
         initial_std: float = 1.0,
-        minimum_std: float = 1e-4,
+        minimum_std: float = 0.01,
         initialisation: Initialisation = "default",
         device: torch.device | str | None = None,
     ) -> None:
@@ -74,7 +74,7 @@ class ActorMLP(nn.Module):
                     nn.init.zeros_(layer.bias)
         self.layers = nn.Sequential(*layers, last)
         self.extractor = NormalParamExtractor(
-            scale_mapping=f"biased_softplus_{initial_std}", scale_lb=minimum_std
+            scale_mapping=f"biased_softplus_{initial_std}_{minimum_std}", scale_lb=minimum_std
         )
 
     def forward(self, *observations: Tensor) -> tuple[Tensor, Tensor]:
@@ -97,7 +97,7 @@ def make_actor(
     activation: Callable[[], nn.Module] = RELU,
     encoder: nn.Module | None = None,
     initial_std: float = 1.0,
-    minimum_std: float = 1e-4,
+    minimum_std: float = 0.01,
     initialisation: Initialisation = "default",
     in_keys: Sequence[NestedKey] = ("observation",),
     action_key: NestedKey = "action",

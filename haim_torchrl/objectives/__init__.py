@@ -1,7 +1,6 @@
 """Loss modules, one per term of HAIM-DRL, and the formulas that they stand on."""
 
 from haim_torchrl.objectives.actor import ActorLoss, WeightedCritic
-from haim_torchrl.objectives.build import build_loss
 from haim_torchrl.objectives.composite import HAIMLoss
 from haim_torchrl.objectives.cost import (
     CostCriticLoss,
@@ -45,7 +44,6 @@ __all__ = [
     "TemporalDifferenceTerm",
     "UpdateStep",
     "WeightedCritic",
-    "build_loss",
     "check_finite",
     "make_optimizer",
 ]

@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import pytest
 import torch
-from torch import nn
 
 from haim_torchrl.modules import Temperature, make_actor, make_critic
 from haim_torchrl.objectives import (
     ActorLoss,
-    BoundedPreferenceLoss,
     CostCriticLoss,
     ExplicitInterventionLoss,
     HAIMLoss,
     ImplicitInterventionLoss,
-    LinearPreferenceLoss,
-    LossTerm,
     ProxyQLoss,
     TemperatureLoss,
-    build_loss,
 )
-
-ALL = {
-    "proxy": ProxyQLoss,
-    "preference": LinearPreferenceLoss,
-    "explicit": ExplicitInterventionLoss,
-    "implicit": ImplicitInterventionLoss,
-    "temperature": TemperatureLoss,
-    "actor": ActorLoss,
-}
 
 
 def small_critic() -> Any:
@@ -68,53 +53,43 @@ def test_shared_work_is_done_once(method: Any, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize("absent", ["preference", "explicit", "implicit", "temperature"])
 def test_a_term_left_out_is_absent(method: Any, absent: str) -> None:
-    temperature = Temperature()
-    terms: dict[str, Any] = {**ALL, absent: None}
-    loss = build_loss(terms, small_actor(), small_critic, temperature=temperature)
-    loss.make_target_updater()
-    assert absent not in loss.terms
-    result = loss(method.batch)
+    terms = {name: term for name, term in method.loss.named_terms() if name != absent}
+    critics = {
+        name: (terms[name].critic_network, terms[name].actor_weight, terms[name].actor_reduction)
+        for name in ("proxy", "explicit", "implicit")
+        if name in terms
+    }
+    terms["actor"] = ActorLoss(method.actor, critics, method.temperature)
+    result = HAIMLoss(terms)(method.batch)
     assert not {f"loss_{absent}", f"actor_{absent}"} & set(result.keys())
+    assert {"loss_proxy_q", "loss_actor", "actor_proxy"} <= set(result.keys())
     assert all(value.isfinite().all() for value in result.values())
 
 
-def test_build_shares_networks_and_takes_weights_from_the_terms() -> None:
+def test_terms_carry_the_papers_weights_for_the_actor() -> None:
+    """psi = beta = phi = 1: the value is maximised, both costs are minimised (eq 25)."""
     actor = small_actor()
-    temperature = Temperature()
-    terms = {
-        **ALL,
-        "preference": partial(BoundedPreferenceLoss, weight=0.5),
-        "explicit": partial(ExplicitInterventionLoss, actor_weight=-3.0, actor_reduction="min"),
-    }
-    loss = build_loss(terms, actor, small_critic, temperature=temperature)
-    parts = loss.terms
-    assert parts["proxy"].critic_network is parts["preference"].critic_network
-    assert parts["explicit"].critic_network is not parts["implicit"].critic_network
-    assert all(t.actor_network is actor for t in parts.values() if hasattr(t, "actor_network"))
-    assert parts["actor"].weight_explicit.item() == -3.0
-    assert parts["actor"].weight_proxy.item() == 1.0
-    assert parts["actor"].weight_implicit.item() == -1.0
-    assert parts["preference"].weight.item() == 0.5
-    assert parts["actor"].temperature is temperature
+    terms = (ProxyQLoss, ExplicitInterventionLoss, ImplicitInterventionLoss)
+    carried = [
+        (term.actor_weight, term.actor_reduction)
+        for term in (kind(actor, small_critic()) for kind in terms)
+    ]
+    assert carried == [(1.0, "min"), (-1.0, "max"), (-1.0, "max")]
 
 
-def test_build_takes_a_second_cost_critic_without_knowing_it(method: Any) -> None:
-    energy = partial(CostCriticLoss, label="energy", actor_weight=-0.5)
-    terms = {k: v for k, v in ALL.items() if k != "actor"}
-    terms = {**terms, "energy": energy, "actor": ActorLoss}
-    loss = build_loss(terms, small_actor(), small_critic, temperature=Temperature())
+def test_a_further_cost_critic_needs_no_change_of_the_composite(method: Any) -> None:
+    energy = CostCriticLoss(method.actor, make_critic(5, 2, (8,)), label="energy")
+    terms = dict(method.loss.named_terms())
+    terms["energy"] = energy
+    terms["actor"] = ActorLoss(
+        method.actor, {"energy": (energy.critic_network, -0.5, "max")}, method.temperature
+    )
+    loss = HAIMLoss(terms)
     loss.make_target_updater()
     batch = method.batch.set(("next", "cost"), torch.ones(8, 1))
-    assert {"loss_energy", "actor_energy"} <= set(loss(batch).keys())
-
-
-def test_build_names_what_it_cannot_hand_out() -> None:
-    class Picky(LossTerm):
-        def __init__(self, actor_network: nn.Module, horizon: int) -> None:
-            raise AssertionError
-
-    with pytest.raises(ValueError, match=r"'picky'.*'horizon'"):
-        build_loss({"picky": Picky}, small_actor(), small_critic)
+    assert {"loss_energy", "actor_energy", "energy_mean"} <= set(loss(batch).keys())
+    with pytest.raises(KeyError, match=r"CostCriticLoss needs the entry .*cost"):
+        loss(batch.exclude(("next", "cost")))
 
 
 def test_two_actors_are_refused() -> None:
