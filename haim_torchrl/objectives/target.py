@@ -9,6 +9,8 @@ from tensordict.nn import TensorDictParams
 from torch import Tensor
 from torchrl.objectives import LossModule
 
+from haim_torchrl.objectives.networks import leaf_names, leaves
+
 PREFIX = "target_"
 
 
@@ -38,7 +40,8 @@ class TargetUpdater:
             raise ValueError(f"tau must lie in (0, 1], got {tau}.")
         self.loss = loss
         self.tau = float(tau)
-        if not any(True for _ in self._pairs()):
+        self._pairs = list(_find_targets(loss))
+        if not self._pairs:
             raise ValueError(f"{type(loss).__name__} has no target parameters to update.")
         for module in loss.modules():
             if isinstance(module, LossModule):
@@ -48,19 +51,21 @@ class TargetUpdater:
     @torch.no_grad()
     def step(self) -> None:
         """Moves all targets a step towards the online parameters."""
-        targets: dict[int, Tensor] = {}
-        sources: dict[int, Tensor] = {}
-        for target_params, source_params in self._pairs():
-            for target, source in zip(
-                target_params.values(True, True), source_params.values(True, True)
-            ):
-                targets[id(target)] = target
-                sources[id(target)] = source
-        torch._foreach_lerp_(list(targets.values()), list(sources.values()), self.tau)
+        targets: list[Tensor] = []
+        sources: list[Tensor] = []
+        for target, source, names in self._pairs:
+            targets += leaves(target, names)
+            sources += leaves(source, names)
+        torch._foreach_lerp_(targets, sources, self.tau)
 
-    def _pairs(self) -> Iterator[tuple[TensorDictParams, TensorDictParams]]:
-        for module in self.loss.modules():
-            if isinstance(module, LossModule):
-                for name, child in module.named_children():
-                    if name.startswith(PREFIX) and isinstance(child, TensorDictParams):
-                        yield child, module.get_submodule(name[len(PREFIX) :])
+
+def _find_targets(
+    loss: LossModule,
+) -> Iterator[tuple[TensorDictParams, TensorDictParams, list[str]]]:
+    """Targets, what they follow, and the names of their tensors; each target once."""
+    for module in loss.modules():
+        if isinstance(module, LossModule):
+            for name, child in module.named_children():
+                if name.startswith(PREFIX) and isinstance(child, TensorDictParams):
+                    source = module.get_submodule(name[len(PREFIX) :])
+                    yield child, source, leaf_names(child)
