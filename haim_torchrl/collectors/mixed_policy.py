@@ -125,7 +125,6 @@ def make_collector(
         "frames_per_batch": frames_per_batch,
         "total_frames": total_frames,
         "init_random_frames": init_random_frames,
-        "policy_device": _acting_device(policy, device),
         "storing_device": storing_device,
         "exploration_type": exploration_type,
         "postproc": TakeoverToTransition(keys=keys) if postproc is None else postproc,
@@ -138,9 +137,12 @@ def make_collector(
         # Numbering the trajectories costs a tenth of the collector's time; replay of single
         # transitions has no use for it.
         arguments.setdefault("track_traj_ids", False)
-        collector = Collector(builders[0], acting, **arguments)
+        env = builders[0]()
+        arguments.setdefault("policy_device", _acting_device(policy, device, env.device))
+        collector = Collector(env, acting, **arguments)
     else:
         arguments.setdefault("cat_results", "stack")
+        arguments.setdefault("policy_device", _acting_device(policy, device, None))
         collector = MultiSyncCollector(builders, acting, **arguments)
     collector._trained_policy = acting  # a collector holds what it copies weights from weakly
     return collector
@@ -181,11 +183,17 @@ class _CollectedEnv:
         return env
 
 
-def _acting_device(policy: TensorDictModuleBase, device: DeviceLike | None) -> torch.device | None:
-    """Device to pass on; ``None`` (no casts, which cost more than the network) if all is there."""
+def _acting_device(
+    policy: TensorDictModuleBase,
+    device: DeviceLike | None,
+    env_device: torch.device | None,
+) -> torch.device | None:
+    """Device to pass on: that of the environment if all is there, since casts cost a step 0.1 ms."""
     wanted = torch.device("cpu" if device is None else device)
     present = {parameter.device for parameter in policy.parameters()}
-    return None if wanted.type == "cpu" and present <= {wanted} else wanted
+    if wanted.type == "cpu" and present <= {wanted}:
+        return wanted if env_device == wanted else None
+    return wanted
 
 
 def _factories(env_factory: EnvFactory | Sequence[EnvFactory], workers: int) -> list[EnvFactory]:
