@@ -188,7 +188,7 @@ def _acting_device(
     device: DeviceLike | None,
     env_device: torch.device | None,
 ) -> torch.device | None:
-    """Device to pass on: that of the environment if all is there, since casts cost a step 0.1 ms."""
+    """Device to pass on: the environment's if all is there, since casts cost a step 0.1 ms."""
     wanted = torch.device("cpu" if device is None else device)
     present = {parameter.device for parameter in policy.parameters()}
     if wanted.type == "cpu" and present <= {wanted}:
