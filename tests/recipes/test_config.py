@@ -1,0 +1,281 @@
+"""Every setting composes, finds its target, and is a setting of that target."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.utils import get_object
+from omegaconf import DictConfig, OmegaConf
+
+from haim_torchrl.envs import PlatoonConfig
+from haim_torchrl.evaluation.assembly import Sizes, World, build, build_actor, build_loss
+from haim_torchrl.evaluation.command import register
+from haim_torchrl.evaluation.config import (
+    ConfigError,
+    EvalConfig,
+    TrainConfig,
+    check_config,
+    find_device,
+    plain,
+)
+from haim_torchrl.modules import make_critic
+
+CONF = Path(__file__).parents[2] / "conf"
+FILES = sorted(path.relative_to(CONF) for path in CONF.rglob("*.yaml"))
+MEMBERS = [path for path in FILES if len(path.parts) > 1]
+
+
+@functools.cache
+def _composed(name: str, *overrides: str) -> DictConfig:
+    register()
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose(name, list(overrides))
+
+
+def load(*overrides: str, name: str = "haim") -> DictConfig:
+    return _composed(name, *overrides).copy()
+
+
+def changed(*overrides: str) -> DictConfig:
+    """The default settings with values replaced; faster than composing anew."""
+    return OmegaConf.merge(load(), OmegaConf.from_dotlist(list(overrides)))  # type: ignore[return-value]
+
+
+def targets(node: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    if isinstance(node, dict):
+        if "_target_" in node:
+            yield path, node
+        for key, value in node.items():
+            yield from targets(value, f"{path}.{key}" if path else key)
+    elif isinstance(node, list):
+        for index, value in enumerate(node):
+            yield from targets(value, f"{path}[{index}]")
+
+
+def composed(path: Path) -> DictConfig:
+    if path.parts[0] == "logger":  # their folder is known to a running job only
+        return OmegaConf.load(CONF / path)  # type: ignore[return-value]
+    return load(f"{path.parent}={path.stem}")
+
+
+@pytest.mark.parametrize("path", MEMBERS, ids=str)
+def test_member_composes_and_its_keys_are_parameters_of_its_target(path: Path) -> None:
+    config = composed(path)
+    container = OmegaConf.to_container(config, resolve=False)
+    found = [entry for entry in targets(container) if not entry[0].startswith("logger")]
+    assert found or path.parts[0] in ("preset", "logger")
+    for where, node in found:
+        target = get_object(node["_target_"])
+        parameters = inspect.signature(target).parameters
+        if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters.values()):
+            continue
+        given = {key for key in node if not (key.startswith("_") and key.endswith("_"))}
+        assert given <= set(parameters), f"{path}: {where} has {given - set(parameters)}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=str)
+def test_every_file_says_what_it_is(path: Path) -> None:
+    lines = (CONF / path).read_text().splitlines()
+    comments = [line for line in lines[:3] if line.startswith("# ") and "@package" not in line]
+    assert comments, f"{path} does not begin with a comment"
+
+
+@pytest.mark.parametrize("name", ["haim", "clone", "evaluate"])
+def test_recipe_settings_pass_the_checks(name: str) -> None:
+    check_config(load(name=name))
+
+
+@pytest.mark.parametrize("preset", ["default", "paper", "smoke"])
+def test_presets_pass_the_checks(preset: str) -> None:
+    check_config(load(f"preset={preset}"))
+
+
+def test_the_files_agree_with_the_types() -> None:
+    config = load()
+    default = dataclasses.asdict(TrainConfig())
+    assert OmegaConf.to_container(config.train) == default
+    evaluation = dataclasses.asdict(EvalConfig())
+    for name in ("train", "validation", "test"):
+        evaluation.pop(name)
+    assert {key: config.eval[key] for key in evaluation} == evaluation
+
+
+def test_the_world_shows_all_its_settings() -> None:
+    env = plain(load().env)
+    given = {key for key in env if not key.startswith("_")} | {"first_scenario", "scenarios"}
+    assert given == {f.name for f in dataclasses.fields(PlatoonConfig)}
+    default = PlatoonConfig()
+    for part in ("scenario", "observation", "idm"):
+        names = {f.name for f in dataclasses.fields(getattr(default, part))}
+        assert set(env[part]) == names, part
+
+
+def test_paper_preset_is_the_papers_table() -> None:
+    config = load("preset=paper")
+    assert config.train.batch_size == 1024
+    assert config.optimizer.lr == 1e-4
+    assert config.train.learning_starts == 100
+    assert config.collector.frames_per_batch == 100
+    assert config.loss.gamma == 0.99 and config.loss.tau == 0.005
+    assert config.loss.preference.term._target_.endswith("LinearPreferenceLoss")
+    assert config.loss.preference.term.weight == 10.0
+    assert config.loss.proxy.term.actor_weight == 1.0
+    assert config.loss.explicit.term.actor_weight == -1.0
+    assert config.loss.implicit.term.actor_weight == -1.0
+    assert config.loss.implicit.cost.threshold == -5.0
+    assert config.loss.implicit.cost.duration == 10.0
+    assert config.loss.entropy.temperature.learnable
+    assert config.replay.sampling == "uniform"
+    assert config.env.horizon == 1000 and config.env.followers == 5
+    assert config.env.follower_gap == 15.0
+    assert dict(config.env.idm) == {
+        "s0": 5.0,
+        "time_headway": 1.0,
+        "max_acceleration": 4.0,
+        "comfortable_deceleration": 4.0,
+        "desired_speed": 15.0,
+        "exponent": 4.0,
+    }
+
+
+def test_a_group_on_the_command_line_beats_the_preset() -> None:
+    config = load("preset=paper", "loss/preference=bounded", "loss.preference.term.weight=2")
+    assert config.loss.preference.term._target_.endswith("BoundedPreferenceLoss")
+    assert config.loss.preference.term.weight == 2
+
+
+LOSSES = {
+    "loss=haim": {"proxy", "preference", "explicit", "implicit", "actor"},
+    "loss=haco": {"proxy", "preference", "explicit", "actor"},
+    "loss=pvp": {"proxy", "preference", "actor"},
+    "loss/implicit=none": {"proxy", "preference", "explicit", "actor"},
+    "loss/explicit=none": {"proxy", "preference", "implicit", "actor"},
+    "loss/preference=none": {"proxy", "explicit", "implicit", "actor"},
+    "loss/preference=linear": {"proxy", "preference", "explicit", "implicit", "actor"},
+    "loss/entropy=auto": {"proxy", "preference", "explicit", "implicit", "entropy", "actor"},
+}
+
+
+@pytest.mark.parametrize("override", LOSSES)
+def test_loss_has_the_terms_of_its_settings(override: str) -> None:
+    config = load(override)
+    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
+    loss = build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
+    assert set(loss.terms) == LOSSES[override]
+    assert loss.terms["proxy"].gamma == pytest.approx(config.loss.gamma)
+
+
+def test_terms_that_name_the_same_critic_share_it() -> None:
+    config = load()
+    made = []
+
+    def critic() -> Any:
+        made.append(make_critic(5, 2, (8,)))
+        return made[-1]
+
+    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
+    loss = build_loss(config.loss, actor, critic)
+    assert len(made) == 3
+    proxy, preference = loss.terms["proxy"], loss.terms["preference"]
+    assert {id(p) for p in preference.trained_parameters()} == {
+        id(p) for p in proxy.trained_parameters()
+    }
+
+
+def test_a_term_of_ones_own_needs_only_settings() -> None:
+    config = load(
+        "+loss.anchor.term._target_=haim_torchrl.objectives.BoundedPreferenceLoss",
+        "+loss.anchor.term._partial_=true",
+        "+loss.anchor.critic=own",
+        "loss/preference=none",
+    )
+    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
+    loss = build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
+    assert "anchor" in loss.terms
+
+
+@pytest.mark.parametrize(
+    "group", ["switch", "mentor", "env", "loss/implicit", "loss/explicit", "replay", "optimizer"]
+)
+def test_every_member_can_be_built(group: str) -> None:
+    for path in sorted((CONF / group).glob("*.yaml")):
+        config = load(f"{group}={path.stem}")
+        if group in ("switch", "mentor"):
+            assert build(config[group]) is not None
+        elif group == "replay":
+            assert len(build(config.replay, batch_size=4)) == 0
+        elif group == "optimizer":
+            actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
+            loss = build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
+            assert build(config.optimizer, loss).param_groups
+        else:
+            env = World.of(config, "validation", takeovers=True)()
+            assert "disturbance_cost" in env.observation_spec
+            env.close()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["eval.test.start=10"], "eval.train and eval.test share the scenarios 10 to 49"),
+        (["eval.validation.start=20010"], "eval.validation and eval.test share"),
+        (["eval.validation.start=49"], "eval.train and eval.validation share the scenarios 49"),
+        (["eval.test.count=0"], "eval.test must have"),
+        (["train.batch_size=0"], "train.batch_size must be at least 1"),
+        (["train.updates_per_step=0"], "train.updates_per_step must be positive"),
+        (["train.max_grad_norm=0"], "train.max_grad_norm must be positive"),
+        (["train.learning_starts=30000"], "nothing is ever learned"),
+        (["train.validate_every=0"], "eval.checkpoint=best needs validations"),
+        (["total_frames=30050"], "use total_frames=30000"),
+        (["collector.frames_per_batch=0"], "collector.frames_per_batch must lie between"),
+        (["replay.capacity=100"], "replay.capacity"),
+        (["threads=0"], "threads must be at least 1"),
+        (["device=tpu"], "device must be cpu, cuda or auto"),
+        (["eval.level=95"], "eval.level"),
+        (["eval.set=tests"], "eval.set must be one of test, validation, train"),
+        (["eval.workers=0"], "eval.workers"),
+    ],
+)
+def test_contradictions_are_named(overrides: list[str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        check_config(changed(*overrides))
+
+
+def test_a_brake_that_the_vehicle_has_not_is_named() -> None:
+    config = changed("loss.implicit.cost.threshold=-9")
+    with pytest.raises(ConfigError, match=r"threshold is -9(\.0)? m/s², but the vehicle brakes"):
+        World.of(config, "train", takeovers=True)()
+
+
+def test_nobody_to_disturb_is_named() -> None:
+    with pytest.raises(ConfigError, match="no follower"):
+        World.of(changed("env.followers=0"), "train", takeovers=True)()
+
+
+def test_a_term_without_its_critic_is_named() -> None:
+    config = changed("loss.preference.critic=null")
+    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
+    with pytest.raises(ConfigError, match=r"loss\.preference takes a critic but names none"):
+        build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
+
+
+def test_a_loss_without_an_actor_is_refused() -> None:
+    config = changed("loss.actor.term=null")
+    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
+    with pytest.raises(ConfigError, match=r"loss\.actor has no term"):
+        build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
+
+
+def test_auto_device_is_one_that_exists() -> None:
+    expected = "cuda" if torch.cuda.is_available() else "cpu"
+    assert find_device("auto").type == expected
