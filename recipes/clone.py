@@ -6,6 +6,7 @@ python recipes/clone.py clone.like=runs/haim/<date>    # as many mentor steps as
 
 from __future__ import annotations
 
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -50,7 +51,9 @@ def clone(config: DictConfig) -> Path:
     distance = "l2" if settings.loss_function == "l2" else None
     if distance is None:  # a density of squashed actions is not defined at their bounds
         data["action"] = data["action"].clamp(-0.99, 0.99)
-    loss = BCLoss(actor, loss_function=distance)
+    with warnings.catch_warnings():  # about a target network, which this loss has none of
+        warnings.simplefilter("ignore", UserWarning)
+        loss = BCLoss(actor, loss_function=distance)
     optimizer = torch.optim.Adam(actor.parameters(), lr=settings.lr, fused=True)
     best = -1.0
     with ProgressLine(settings.updates, unit="updates") as progress:

@@ -133,17 +133,18 @@ class World:
         (``minimum_acceleration``) is held against the threshold of a disturbance.
         """
         base = build(self.env, first_scenario=self.scenarios.start, scenarios=self.scenarios.count)
-        env = TransformedEnv(base)
-        if self.switch is not None:
-            env.append_transform(
-                InterventionTransform(
-                    partial(build, self.mentor),
-                    partial(build, self.switch),
-                    cost=self.takeover_cost,
-                )
-            )
         hardest = getattr(simulator_of(base), "minimum_acceleration", None)
-        env.append_transform(build({**self.disturbance, "min_acceleration": hardest}))
+        disturbance = build({**self.disturbance, "min_acceleration": hardest})
+        env = TransformedEnv(base)
+        try:
+            if self.switch is not None:
+                mentor, switch = partial(build, self.mentor), partial(build, self.switch)
+                env.append_transform(InterventionTransform(mentor, switch, cost=self.takeover_cost))
+            env.append_transform(disturbance)
+            env.observation_spec  # noqa: B018  the transforms look at it here, not later
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            base.close()
+            raise _refused("env", error) from error
         return env
 
     def seeds(self) -> range:

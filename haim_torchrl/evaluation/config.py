@@ -56,9 +56,9 @@ class TrainConfig:
 
     batch_size: int = 256
     updates_per_step: float = 0.5
-    learning_starts: int = 100
+    learning_starts: int = 500
     max_grad_norm: float | None = None
-    log_every: int = 200
+    log_every: int = 500
     checkpoint_every: int = 5000
     validate_every: int = 5000
     no_takeover_after: int = 5000
@@ -222,7 +222,9 @@ def check_config(config: DictConfig) -> None:
     Raises:
         ConfigError: With one sentence that names the key.
     """
-    missing = OmegaConf.missing_keys(config)
+    # The logger's folder is known to Hydra alone, so that its settings resolve in a job only.
+    rest = [key for key in config if key != "logger"]
+    missing = OmegaConf.missing_keys(OmegaConf.masked_copy(config, rest))  # type: ignore[arg-type]
     if missing:
         raise ConfigError(f"{sorted(missing)[0]} has no value; set it on the command line")
     if config.threads < 1:

@@ -43,7 +43,7 @@ PANELS = (
     Panel("takeover rate", "train", ("takeover_rate",)),
     Panel("disturbance rate", "train", ("disturbance_rate",)),
     Panel("safety violations so far", "train", ("violations_total",)),
-    Panel("|Q|", "train", ("q_abs", "takeover_q_abs", "disturbance_q_abs")),
+    Panel("|Q|", "train", ("proxy_q_abs_mean", "explicit_abs_mean", "implicit_abs_mean")),
     Panel("entropy [nat]", "train", ("entropy",)),
 )
 

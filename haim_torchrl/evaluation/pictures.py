@@ -61,7 +61,7 @@ def _draw_road(axes: Axes, road: Sequence[RoadLine]) -> None:
                 colors=COLORS[kind],
                 linewidths=width,
                 linestyles=style,
-                zorder=1,
+                zorder=0 if kind == "route" else 1,
             )
         )
 
