@@ -37,6 +37,8 @@ class PlatoonConfig:
             hit is removed, as if towed away, and the AV goes on.
         forecast_hold: how long the risk forecast holds the agent's action [s].
         forecast_braking: how hard it brakes afterwards [m/s²].
+        stall_speed: slower than this without cause counts as stalling [m/s]. A policy that only
+            has to avoid takeovers would otherwise learn to crawl.
         scenario: what scenarios are drawn from.
         observation: what the agent sees.
         idm: the followers' car-following parameters.
@@ -52,6 +54,7 @@ class PlatoonConfig:
     end_on_collision: bool = True
     forecast_hold: float = 0.6
     forecast_braking: float = 5.0
+    stall_speed: float = 3.0
     scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     idm: IDMParameters = field(default_factory=IDMParameters)
@@ -212,12 +215,12 @@ class PlatoonEnv(AbstractEnv):
 
     def _count_stall(self) -> None:
         av, road = self.vehicle, self.road
-        if av.speed > 0.5:
+        if av.speed > self.settings.stall_speed:
             self.stalled = 0
             return
         front, _ = road.neighbour_vehicles(av)
         moving = front is not None and front.speed > 0.5
-        near = front is not None and np.hypot(*(front.position - av.position)) < 12.0
+        near = front is not None and np.hypot(*(front.position - av.position)) < 15.0
         waits_for_side = any(
             isinstance(v, TrafficVehicle) and v.spawn.side is not None and v.speed > 0.5
             for v in road.vehicles

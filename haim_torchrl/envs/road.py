@@ -119,6 +119,7 @@ class PlatoonRoad(Road):
                 0.0,
             )
         self._previous_speeds = speeds
+        self._things = things
         self.rows = {id(thing): k for k, thing in enumerate(things)}
         self.bodies, self.followers = bodies, followers
         self._predicted = None
@@ -170,7 +171,6 @@ class PlatoonRoad(Road):
         )
 
     def act(self) -> None:
-        self._things = [*self.vehicles, *self.objects]
         for vehicle in self.vehicles:
             vehicle.act()
 
