@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import hydra
+import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
@@ -53,7 +54,7 @@ def train(config: DictConfig) -> Path:
     loss = build_loss(config.loss, actor, make_critic)
     optimizer = build(config.optimizer, loss)
     update = UpdateStep(
-        loss,
+        torch.compile(loss) if config.compile else loss,
         optimizer,
         loss.make_target_updater(config.loss.tau),
         max_grad_norm=config.train.max_grad_norm,

@@ -209,6 +209,7 @@ def build_loss(
         ConfigError: If a term cannot be built, or takes a critic and names none.
     """
     temperature: Temperature = build(settings.entropy.temperature)
+    temperature.to(next(actor.parameters()).device)
     critics: dict[str, TensorDictModule] = {}
     terms: dict[str, Any] = {}
     actor_terms: dict[str, Any] = {}
