@@ -67,7 +67,6 @@ def train(config: DictConfig) -> Path:
         actor,
         total_frames=config.total_frames,
         seed=config.seed,
-        device=device,
     )
     logger = build_logger(config)
     folder = open_folder(config)

@@ -7,7 +7,8 @@ from typing import Any
 
 import gymnasium as gym
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase, GymWrapper
 from torchrl.envs.gym_like import BaseInfoDictReader
@@ -43,13 +44,35 @@ class PlatoonInfoReader(BaseInfoDictReader):
         """The reader keeps nothing between episodes."""
 
     def __call__(self, info: dict[str, Any], tensordict: TensorDictBase) -> TensorDictBase:
-        for key in FLOATS:
-            tensordict.set(key, torch.tensor([info[key]], dtype=torch.float32))
-        for key in FLAGS:
-            tensordict.set(key, torch.tensor([info[key]], dtype=torch.bool))
-        for key in PLATOON:
-            tensordict.set(key, torch.from_numpy(info[key]))
-        return tensordict
+        return tensordict.update(read_info(info))
+
+
+def read_info(info: Mapping[str, Any]) -> dict[str, Tensor]:
+    """The world's info entries as tensors, [1] each and [N] for those of the followers."""
+    entries = {key: torch.full((1,), info[key], dtype=torch.float32) for key in FLOATS}
+    entries |= {key: torch.full((1,), info[key], dtype=torch.bool) for key in FLAGS}
+    return entries | {key: torch.from_numpy(info[key]) for key in PLATOON}
+
+
+class PlatoonTorchEnv(GymWrapper):
+    """TorchRL's Gymnasium wrapper, with a step that writes the known entries directly.
+
+    The generic wrapper finds out anew at each step what the simulator returned; that costs about
+    as much as simulating. Specs, seeding and resets are TorchRL's own.
+    """
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict.get("action").numpy()
+        observation, reward, terminated, truncated, info = self._env.step(action)
+        entries = {
+            "observation": torch.from_numpy(observation),
+            "reward": torch.full((1,), reward, dtype=torch.float32),
+            "done": torch.full((1,), terminated or truncated, dtype=torch.bool),
+            "terminated": torch.full((1,), terminated, dtype=torch.bool),
+            "truncated": torch.full((1,), truncated, dtype=torch.bool),
+        }
+        entries |= read_info(info)
+        return TensorDict(entries, batch_size=[])
 
 
 def make_gym_env(
@@ -61,16 +84,13 @@ def make_gym_env(
         config: settings, see :class:`~haim_torchrl.envs.platoon_env.PlatoonConfig`.
         render_mode: None or "rgb_array".
     """
-    return gym.make(
-        "haim_torchrl/Platoon-v0", config=dict(config or {}), render_mode=render_mode
-    )
+    return gym.make("haim_torchrl/Platoon-v0", config=dict(config or {}), render_mode=render_mode)
 
 
-def make_env(device: str | torch.device = "cpu", **config: Any) -> EnvBase:
-    """The world as a TorchRL environment.
+def make_env(**config: Any) -> EnvBase:
+    """The world as a TorchRL environment. It and its tensors live on the CPU.
 
     Args:
-        device: where its tensors live. The simulator runs on the CPU.
         **config: settings, see :class:`~haim_torchrl.envs.platoon_env.PlatoonConfig`.
 
     Returns:
@@ -78,6 +98,6 @@ def make_env(device: str | torch.device = "cpu", **config: Any) -> EnvBase:
         ``progress``, ``cost`` [1], ``success``, ``crash``, ``out_of_road``, ``wrong_way`` [1] bool,
         ``follower_gaps``, ``follower_speeds`` [N], at root and under ``next``.
     """
-    env = GymWrapper(PlatoonEnv(config), device=device)
+    env = PlatoonTorchEnv(PlatoonEnv(config))
     env.set_info_dict_reader(PlatoonInfoReader(config.get("followers", 5)))
     return env

@@ -37,6 +37,9 @@ class PlatoonConfig:
             hit is removed, as if towed away, and the AV goes on.
         forecast_hold: how long the risk forecast holds the agent's action [s].
         forecast_braking: how hard it brakes afterwards [m/s²].
+        forecast_road_margin: how far inside the road's edge the AV's centre has to stay in the
+            forecast [m]; 1 m is half of the vehicle's width.
+        forecast_gap_margin: distance to others that the forecast asks for, ahead and behind [m].
         stall_speed: slower than this without cause counts as stalling [m/s]. A policy that only
             has to avoid takeovers would otherwise learn to crawl.
         scenario: what scenarios are drawn from.
@@ -54,6 +57,8 @@ class PlatoonConfig:
     end_on_collision: bool = True
     forecast_hold: float = 0.6
     forecast_braking: float = 5.0
+    forecast_road_margin: float = 0.8
+    forecast_gap_margin: float = 1.5
     stall_speed: float = 3.0
     scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
     observation: ObservationConfig = field(default_factory=ObservationConfig)
@@ -126,7 +131,9 @@ class PlatoonEnv(AbstractEnv):
     @classmethod
     def default_config(cls) -> dict:
         config = super().default_config()
-        config.update(screen_width=900, screen_height=450, scaling=4.0, centering_position=[0.5, 0.5])
+        config.update(
+            screen_width=900, screen_height=450, scaling=4.0, centering_position=[0.5, 0.5]
+        )
         return config
 
     def define_spaces(self) -> None:
@@ -265,8 +272,9 @@ class PlatoonEnv(AbstractEnv):
             av.position[0], av.position[1], av.heading, av.speed,
             wanted["acceleration"], wanted["steering"], self.settings.forecast_hold,
             -self.settings.forecast_braking, np.nan, STEERING, AutomatedVehicle.MAX_SPEED, 4.0,
-            route.x, route.y, route.heading, self.scenario.half_width - 0.3,
-            road.others, road.predicted(), PREDICTION_STEP, 0.8, 0.3, 3.0,
+            route.x, route.y, route.heading, self.scenario.half_width - self.settings.forecast_road_margin,
+            road.others, road.predicted(), PREDICTION_STEP,
+            self.settings.forecast_gap_margin, 0.4, 3.0,
         )  # fmt: skip
         return Forecast(
             bool(np.isfinite(hit)), bool(np.isfinite(left)), hit, left, lateral, self.stalled
@@ -278,7 +286,9 @@ class PlatoonEnv(AbstractEnv):
         boxes = road.bodies[:, [0, 1, 2, 5, 6]] * np.array([1, 1, 1, 2, 2])
         first = 1 + road.followers
         traffic = first + sum(isinstance(v, TrafficVehicle) for v in road.vehicles)
-        moving = np.array([isinstance(v, TrafficVehicle) for v in road.vehicles[first:]], dtype=bool)
+        moving = np.array(
+            [isinstance(v, TrafficVehicle) for v in road.vehicles[first:]], dtype=bool
+        )
         rest = boxes[first:]
         is_traffic = np.concatenate([moving, np.zeros(len(rest) - len(moving), dtype=bool)])
         del traffic
