@@ -57,7 +57,7 @@ def test_drivers_that_need_no_checkpoint(tmp_path: Path, command: Callable[..., 
 
 
 def test_several_processes_find_the_same(tmp_path: Path, command: Callable[..., Any]) -> None:
-    arguments = ("driver=straight", "eval.test.count=3", "eval.pictures=false")
+    arguments = ("driver=straight", "eval.test.count=2", "eval.pictures=false")
     for workers in (1, 2):
         assert command("evaluate", *arguments, f"eval.workers={workers}").code == 0
     first, second = (results(path) for path in (tmp_path / "runs" / "evaluate").iterdir())
