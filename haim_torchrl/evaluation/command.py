@@ -185,7 +185,12 @@ def run_folder(name: str, resume: str | None = None, root: str = "runs") -> str:
     """
     if resume:
         # Looked up here already, since Hydra makes the folder that this returns.
-        return str(find_checkpoint(resume).parent.parent)
+        path = find_checkpoint(resume)
+        if path.parent.name != "checkpoints":
+            raise CheckpointError(
+                f"checkpoint {path} lies outside a run's checkpoints/; resume from the run's folder"
+            )
+        return str(path.parent.parent)
     stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
     base = Path(root) / name / stamp
     folder, number = base, 2

@@ -134,6 +134,9 @@ def test_a_resumed_run_keeps_its_folder(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match="does not exist"):
         run_folder("a", str(tmp_path / "nowhere"))
     assert not (tmp_path / "nowhere").exists()
+    lost = save_checkpoint(tmp_path / "lost.pt", {})
+    with pytest.raises(CheckpointError, match="outside a run's checkpoints/"):
+        run_folder("a", str(lost))
 
 
 def settings(**fields: float) -> Any:
