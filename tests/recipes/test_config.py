@@ -137,7 +137,7 @@ def test_paper_preset_is_the_papers_table() -> None:
     assert config.loss.entropy.temperature.learnable
     assert config.replay.sampling == "uniform"
     assert config.env.horizon == 1000 and config.env.followers == 5
-    assert config.env.follower_gap == 15.0
+    assert config.env.follower_gap == 15.0 and config.env.observation.view == "rays"
     assert dict(config.env.idm) == {
         "s0": 5.0,
         "time_headway": 1.0,
