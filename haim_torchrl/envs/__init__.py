@@ -2,9 +2,10 @@
 
 from gymnasium.envs.registration import register
 
+from haim_torchrl.envs.config import PlatoonConfig
 from haim_torchrl.envs.factory import make_env, make_gym_env
 from haim_torchrl.envs.observation import ObservationConfig
-from haim_torchrl.envs.platoon_env import PlatoonConfig, PlatoonEnv
+from haim_torchrl.envs.platoon_env import PlatoonEnv
 from haim_torchrl.envs.scenario import Scenario, ScenarioConfig, generate_scenario
 
 register(

@@ -129,17 +129,14 @@ def intersection(rng: np.random.Generator, lanes: int) -> Block:
     directions = [-1, 1] if rng.random() < 0.5 else [int(rng.choice([-1, 1]))]
 
     def sides(route: Path, start: float, lanes: int) -> list[SideRoad]:
-        return [
-            _crossing(route, start + 50.0 + shift * 4.0, shift, lanes) for shift in directions
-        ]
+        return [_crossing(route, start + 50.0 + shift * 4.0, shift, lanes) for shift in directions]
 
     return Block("intersection", (Piece(100),), sides)
 
 
 def roundabout(rng: np.random.Generator, lanes: int) -> Block:
     """A roundabout: the route leaves at the first, second or third exit."""
-    ring, entry = 26.0, np.radians(50)
-    radius = 18.0
+    ring, radius, entry = 26.0, 18.0, np.radians(50)
     turn = {"right": -np.pi / 2, "straight": 0.0, "left": np.pi / 2}
     around = 2 * entry + turn[str(rng.choice(list(turn)))]
     pieces = (Piece(25), arc(radius, entry), arc(ring, -around), arc(radius, entry), Piece(25))
@@ -148,8 +145,7 @@ def roundabout(rng: np.random.Generator, lanes: int) -> Block:
         entered = start + 25.0 + radius * entry
         x, y, heading = route.at(entered)
         centre = (x + ring * np.sin(heading), y - ring * np.cos(heading))
-        lane = 0
-        r = ring - lane_offset(lane, lanes) * -1
+        r = ring + lane_offset(0, lanes)  # the innermost lane
         # The circulating driver comes from the arm on the left, passes the entry and goes on round.
         before, after = np.radians(75), np.radians(100)
         first = heading + before
@@ -190,10 +186,9 @@ def _turning(kind: str, rng: np.random.Generator, lanes: int, goes_on: bool) -> 
 
     def sides(route: Path, start: float, lanes: int) -> list[SideRoad]:
         end = start + before + radius * np.pi / 2
-        lane = lanes - 1 if side < 0 else 0
+        lane = lanes - 1 if side < 0 else 0  # on the outside of the turn
         roads = [_joining(route, start + before, end, lane, lanes, radius)]
         if goes_on:
-            lane = lanes - 1 if side < 0 else 0
             roads.append(_leaving(route, start + before, lane, lanes, (Piece(90),)))
         return roads
 
@@ -214,9 +209,7 @@ def _joining(
     )
 
 
-def _leaving(
-    route: Path, at: float, lane: int, lanes: int, pieces: Sequence[Piece]
-) -> SideRoad:
+def _leaving(route: Path, at: float, lane: int, lanes: int, pieces: Sequence[Piece]) -> SideRoad:
     """Traffic of the route that takes another branch from one of its outer lanes."""
     offset = lane_offset(lane, lanes)
     before = route.shifted(offset).part(0, at)
@@ -254,10 +247,8 @@ def _arriving(path: Path, pose: Pose) -> Path:
     return Path(pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, path.heading + turn)
 
 
-def _smooth(
-    s: np.ndarray, knots: Sequence[float], values: Sequence[float]
-) -> np.ndarray:
-    """Piecewise interpolation with half-cosine transitions between knots."""
+def _smooth(s: np.ndarray, knots: Sequence[float], values: Sequence[float]) -> np.ndarray:
+    """Offsets at `s` [m] that pass from one knot's value to the next along half a cosine."""
     index = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2)
     low, high = np.take(knots, index), np.take(knots, index + 1)
     share = np.clip((s - low) / (high - low), 0.0, 1.0)

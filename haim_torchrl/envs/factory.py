@@ -81,7 +81,7 @@ def make_gym_env(
     """The world as a registered Gymnasium environment.
 
     Args:
-        config: settings, see :class:`~haim_torchrl.envs.platoon_env.PlatoonConfig`.
+        config: settings, see :class:`~haim_torchrl.envs.PlatoonConfig`.
         render_mode: None or "rgb_array".
     """
     return gym.make("haim_torchrl/Platoon-v0", config=dict(config or {}), render_mode=render_mode)
@@ -91,13 +91,14 @@ def make_env(**config: Any) -> EnvBase:
     """The world as a TorchRL environment. It and its tensors live on the CPU.
 
     Args:
-        **config: settings, see :class:`~haim_torchrl.envs.platoon_env.PlatoonConfig`.
+        **config: settings, see :class:`~haim_torchrl.envs.PlatoonConfig`.
 
     Returns:
         An environment with the entries ``observation`` [D], ``speed``, ``acceleration``,
         ``progress``, ``cost`` [1], ``success``, ``crash``, ``out_of_road``, ``wrong_way`` [1] bool,
         ``follower_gaps``, ``follower_speeds`` [N], at root and under ``next``.
     """
-    env = PlatoonTorchEnv(PlatoonEnv(config))
-    env.set_info_dict_reader(PlatoonInfoReader(config.get("followers", 5)))
+    simulator = PlatoonEnv(config)
+    env = PlatoonTorchEnv(simulator)
+    env.set_info_dict_reader(PlatoonInfoReader(simulator.settings.followers))
     return env

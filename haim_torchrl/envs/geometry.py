@@ -76,7 +76,7 @@ def along(bodies: Array, xs: Array, ys: Array, headings: Array) -> tuple[Array, 
 def overlaps(
     x: float, y: float, heading: float, half_length: float, half_width: float,
     ox: float, oy: float, other_heading: float, other_length: float, other_width: float,
-) -> bool:
+) -> bool:  # fmt: skip
     """Whether two oriented boxes overlap (separating axes); extents are halves [m]."""
     dx, dy = ox - x, oy - y
     reach = half_length + half_width + other_length + other_width
@@ -95,6 +95,20 @@ def overlaps(
     return bool(
         abs(-other_sin * dx + other_cos * dy) <= other_width + half_length * s + half_width * c
     )
+
+
+@njit(cache=True)
+def touching(bodies: Array) -> np.ndarray:
+    """Rows of the bodies, [M, 10], that overlap the first one."""
+    hits = np.zeros(bodies.shape[0], dtype=np.bool_)
+    for m in range(1, bodies.shape[0]):
+        hits[m] = overlaps(
+            bodies[0, X], bodies[0, Y], bodies[0, HEADING],
+            bodies[0, HALF_LENGTH], bodies[0, HALF_WIDTH],
+            bodies[m, X], bodies[m, Y], bodies[m, HEADING],
+            bodies[m, HALF_LENGTH], bodies[m, HALF_WIDTH],
+        )  # fmt: skip
+    return np.flatnonzero(hits)
 
 
 @njit(cache=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 
@@ -65,7 +67,7 @@ def comfortable_speeds(path: Path, comfort: float = LATERAL_COMFORT, braking: fl
     window = 5
     heading = np.pad(path.heading, window, mode="edge")
     curvature = np.abs(heading[2 * window :] - heading[: -2 * window]) / (2 * window)
-    speeds = np.sqrt(comfort / np.maximum(curvature, 1e-3))
+    speeds = np.sqrt(comfort / np.maximum(curvature, 1e-3)).tolist()
     for k in range(len(speeds) - 2, -1, -1):
-        speeds[k] = min(speeds[k], np.sqrt(speeds[k + 1] ** 2 + 2 * braking))
-    return speeds
+        speeds[k] = min(speeds[k], math.sqrt(speeds[k + 1] ** 2 + 2 * braking))
+    return np.array(speeds)

@@ -7,14 +7,15 @@ its own last action, and 88 % of tests left the road (7.5 % without them).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
+from haim_torchrl.envs.blocks import lane_offset
 from haim_torchrl.envs.geometry import cast_rays
-from haim_torchrl.envs.path import Array, project
+from haim_torchrl.envs.path import Array, interpolate, project
 from haim_torchrl.envs.road import PlatoonRoad
 from haim_torchrl.envs.vehicles import AutomatedVehicle
 
@@ -57,7 +58,7 @@ class ObservationConfig:
         if list(self.strips) != sorted(set(self.strips)) or len(self.strips) < 2:
             raise ValueError("observation.strips: borders must be increasing, at least two")
 
-    @property
+    @cached_property
     def layout(self) -> dict[str, slice]:
         """Where each part lies in the observation vector."""
         sizes = {"ego": 6, "navigation": 2 * len(self.navigation)}
@@ -72,7 +73,7 @@ class ObservationConfig:
             for (name, size), end in zip(sizes.items(), ends, strict=True)
         }
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of the observation vector."""
         return max(part.stop for part in self.layout.values())
@@ -94,7 +95,7 @@ def observe(
     heading = av.heading
     error = heading - scenario.route.at(s)[2]
     lanes, half = scenario.lanes, scenario.half_width
-    lane = min(max(int((d + half) // LANE_WIDTH), 0), lanes - 1)
+    lane = scenario.lane_at(d)
     middle = lane_offset(lane, lanes)
     out = np.empty(config.size, dtype=np.float32)
     out[:6] = (
@@ -105,38 +106,61 @@ def observe(
         (d - middle) / 2.0,
         (lanes - 1 - 2 * lane) / 2.0,
     )
-    cos, sin = np.cos(heading), np.sin(heading)
     x, y = av.position
-    k = 6
-    for ahead in config.navigation:
-        px, py, _ = scenario.route.at(s + ahead, middle)
-        dx, dy = px - x, py - y
-        out[k] = (cos * dx + sin * dy) / 50.0
-        out[k + 1] = (-sin * dx + cos * dy) / 20.0
-        k += 2
-    distance, rate = cast_rays(
-        x, y, heading, av.speed, road.bodies[1:], config.rays, config.reach
+    route = scenario.route
+    layout = config.layout
+    out[layout["navigation"]] = navigation(
+        x, y, heading, s, middle, route.x, route.y, route.heading, np.array(config.navigation)
     )
+    distance, rate = cast_rays(x, y, heading, av.speed, road.bodies[1:], config.rays, config.reach)
     if config.view == "route":
-        route = scenario.route.part(s - config.reach, s + config.reach)
         start = max(round(s - config.reach), 0)
-        out[k:] = route_view(
+        near = route.part(start, s + config.reach)
+        out[layout["strips"]] = route_view(
             x, y, heading, distance, rate, config.reach, s - start, middle,
-            route.x, route.y, route.heading, np.array(config.strips),
+            near.x, near.y, near.heading, np.array(config.strips),
         )  # fmt: skip
         return out
     share = distance / config.reach
-    out[k : k + config.rays] = (1 - share) ** 2 if config.closeness else share
+    if config.closeness:
+        out[layout["closeness"]] = (1 - share) ** 2
+    else:
+        out[layout["distance"]] = share
     if config.relative_speed:
-        out[k + config.rays :] = rate / 15.0
+        out[layout["relative_speed"]] = rate / 15.0
     return out
+
+
+@njit(cache=True)
+def navigation(
+    x: float, y: float, heading: float, s: float, d: float,
+    xs: Array, ys: Array, headings: Array, ahead: Array,
+) -> Array:  # fmt: skip
+    """Points of the route ahead in the ego frame.
+
+    Args:
+        x, y, heading: the AV [m, m, rad].
+        s, d: its arc length on the route and the offset at which the points lie [m].
+        xs, ys, headings: the route.
+        ahead: how far ahead along the route each point lies [m], [P].
+
+    Returns:
+        Each point's distance ahead / 50 m and to the right / 20 m, [2 P].
+    """
+    cos, sin = np.cos(heading), np.sin(heading)
+    points = np.empty(2 * len(ahead))
+    for k in range(len(ahead)):
+        px, py, _ = interpolate(s + ahead[k], d, xs, ys, headings)
+        points[2 * k] = (cos * (px - x) + sin * (py - y)) / 50.0
+        points[2 * k + 1] = (-sin * (px - x) + cos * (py - y)) / 20.0
+    return points
 
 
 @njit(cache=True)
 def route_view(
     x: float, y: float, heading: float, distances: Array, rates: Array, reach: float,
     s: float, middle: float, xs: Array, ys: Array, headings: Array, borders: Array,
-) -> Array:
+) -> Array:  # fmt: skip
     """What rays hit, sorted into strips along the route.
 
     A pure function of the rays and the route ahead, so it knows nothing that the rays do not. The

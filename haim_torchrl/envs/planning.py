@@ -6,21 +6,111 @@ mentor (which of my options is free?).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 from numba import njit
 
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, overlaps
 from haim_torchrl.envs.path import Array, interpolate, project
+from haim_torchrl.envs.vehicles import STEERING
+
+if TYPE_CHECKING:
+    from haim_torchrl.envs.road import PlatoonRoad
 
 TIME_STEP = 0.1
+"""Time step of the look-ahead [s]."""
+PREDICTION_STEP = 0.2
+"""Time between two predicted poses of the others [s]; a whole number of time steps."""
 WHEELBASE = 5.0
+"""Length of the AV, which highway-env's bicycle takes for its wheelbase, too [m]."""
+AV_HALF_WIDTH = 1.0
+"""Half of the AV's width [m]."""
+LANE_MARGIN = 1.2
+"""How near to the road's edge the AV steers when it keeps its offset [m]."""
+NEAR = 14.0
+"""Bodies whose centre is farther away than this cannot touch the AV, margins included [m]."""
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """What the AV does in a look-ahead.
+
+    Attributes:
+        then: acceleration after the first command [m/s²], with steering by pure pursuit.
+        target_d: offset on the route to steer for then [m]; NaN: the one reached by then.
+        hold: how long the first command is held [s]; 0: there is none.
+        acceleration, steering: the first command [m/s², rad].
+        max_speed: limit of the speed [m/s].
+        horizon: how far to look [s].
+    """
+
+    then: float
+    target_d: float = np.nan
+    hold: float = 0.0
+    acceleration: float = 0.0
+    steering: float = 0.0
+    max_speed: float = 15.0
+    horizon: float = 4.0
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a manoeuvre has to stay away from things [m].
+
+    Attributes:
+        road: from the road's edge to the AV's centre.
+        ahead: added to the half lengths of others that move.
+        beside: added to the half widths of others.
+        still: added to the half lengths of others that stand still.
+    """
+
+    road: float
+    ahead: float
+    beside: float
+    still: float
+
+
+class Outlook(NamedTuple):
+    """What a manoeuvre leads to.
+
+    Attributes:
+        time_to_collision, time_to_departure: of the first collision and of leaving the road [s];
+            inf: neither happens.
+        lateral_acceleration: the largest during the first command [m/s²].
+    """
+
+    time_to_collision: float
+    time_to_departure: float
+    lateral_acceleration: float
+
+    @property
+    def free(self) -> bool:
+        """Whether the manoeuvre neither collides nor leaves the road."""
+        return bool(np.isinf(self.time_to_collision) and np.isinf(self.time_to_departure))
+
+
+def look_ahead(road: PlatoonRoad, manoeuvre: Manoeuvre, margins: Margins) -> Outlook:
+    """Where a manoeuvre of the AV leads, if the others go on as predicted."""
+    av, route = road.av, road.scenario.route
+    return Outlook(
+        *_look_ahead(
+            av.position[0], av.position[1], av.heading, av.speed,
+            manoeuvre.acceleration, manoeuvre.steering, manoeuvre.hold,
+            manoeuvre.then, manoeuvre.target_d,
+            STEERING, manoeuvre.max_speed, manoeuvre.horizon,
+            route.x, route.y, route.heading, road.scenario.half_width, margins.road,
+            road.others, road.predicted(), margins.ahead, margins.beside, margins.still,
+        )
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def pursue(
     x: float, y: float, heading: float, speed: float, target_d: float,
     xs: Array, ys: Array, headings: Array, limit: float,
-) -> float:
+) -> float:  # fmt: skip
     """Front-wheel angle [rad] that leads to lateral offset `target_d` [m] (pure pursuit).
 
     Args:
@@ -40,73 +130,56 @@ def pursue(
 
 
 @njit(cache=True)
-def look_ahead(
+def _look_ahead(
     x: float, y: float, heading: float, speed: float,
     acceleration: float, steering: float, hold: float, then: float, target_d: float,
     limit: float, max_speed: float, horizon: float,
-    xs: Array, ys: Array, headings: Array, half_width: float,
-    bodies: Array, poses: Array, poses_dt: float,
-    long_margin: float, side_margin: float, still_margin: float,
-) -> tuple[float, float, float, float]:
-    """Carry out a command for a while, then another along the route, and see what happens.
-
-    Args:
-        x, y, heading, speed: the AV [m, m, rad, m/s].
-        acceleration, steering: first command [m/s², rad].
-        hold: how long the first command is held [s].
-        then: acceleration afterwards [m/s²], with steering by pure pursuit.
-        target_d: offset on the route to steer for afterwards [m]; NaN: the one reached by then.
-        limit, max_speed: bounds of wheel angle [rad] and speed [m/s].
-        horizon: how far to look [s].
-        xs, ys, headings, half_width: the route and half of its carriageway's width [m].
-        bodies, poses, poses_dt: the others, [M, 10], their predicted poses, [T, M, 3], and the
-            time between these [s].
-        long_margin, side_margin, still_margin: added to the others' half lengths, half widths, and
-            to the half lengths of those that stand still [m].
-
-    Returns:
-        Times of the first collision and of leaving the road [s] (inf: neither), largest lateral
-        acceleration [m/s²], and the distance driven [m].
-    """
-    hit, left, lateral, driven = np.inf, np.inf, 0.0, 0.0
-    held = np.isnan(target_d)
-    for k in range(int(round(horizon / TIME_STEP))):
+    xs: Array, ys: Array, headings: Array, half_width: float, road_margin: float,
+    bodies: Array, poses: Array, ahead_margin: float, side_margin: float, still_margin: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """The compiled part of :func:`look_ahead`; `poses` as of `geometry.predict`, [T, M, 3]."""
+    hit, left, lateral = np.inf, np.inf, 0.0
+    keeps_offset = np.isnan(target_d)
+    for k in range(round(horizon / TIME_STEP)):
         t = k * TIME_STEP
-        if t < hold - 1e-6:
+        held = t < hold - 1e-6
+        if held:
             delta, pedal = steering, acceleration
         else:
-            if held:
+            if keeps_offset:
                 _, d = project(x, y, xs, ys, headings)
-                target_d = min(max(d, -half_width + 1.2), half_width - 1.2)
-                held = False
+                inner = half_width - road_margin - LANE_MARGIN
+                target_d = min(max(d, -inner), inner)
+                keeps_offset = False
             delta = pursue(x, y, heading, speed, target_d, xs, ys, headings, limit)
             pedal = then
         beta = np.arctan(np.tan(delta) / 2)
         yaw = speed * np.sin(beta) / (WHEELBASE / 2)
-        if t < hold - 1e-6:
+        if held:
             lateral = max(lateral, abs(speed * yaw))
         x += speed * np.cos(heading + beta) * TIME_STEP
         y += speed * np.sin(heading + beta) * TIME_STEP
         heading += yaw * TIME_STEP
-        driven += speed * TIME_STEP
         speed = min(max(speed + pedal * TIME_STEP, 0.0), max_speed)
         _, d = project(x, y, xs, ys, headings)
-        if abs(d) > half_width and left == np.inf:
+        if abs(d) > half_width - road_margin:
             left = t + TIME_STEP
-        step = int(round((t + TIME_STEP) / poses_dt - 1))
-        if step >= 0 and abs((step + 1) * poses_dt - t - TIME_STEP) < 1e-6 and step < len(poses):
+        step = round((t + TIME_STEP) / PREDICTION_STEP - 1)
+        predicted = abs((step + 1) * PREDICTION_STEP - t - TIME_STEP) < 1e-6
+        if predicted and 0 <= step < len(poses):
             for m in range(bodies.shape[0]):
                 px, py, ph = poses[step, m]
-                if (px - x) ** 2 + (py - y) ** 2 > 196.0:
+                if (px - x) ** 2 + (py - y) ** 2 > NEAR * NEAR:
                     continue
-                still = np.hypot(poses[-1, m, 0] - poses[0, m, 0], poses[-1, m, 1] - poses[0, m, 1])
-                longer = still_margin if still < 0.1 else long_margin
+                moved = np.hypot(poses[-1, m, 0] - poses[0, m, 0], poses[-1, m, 1] - poses[0, m, 1])
+                longer = still_margin if moved < 0.1 else ahead_margin
                 if overlaps(
-                    x, y, heading, WHEELBASE / 2, 1.0,
-                    px, py, ph, bodies[m, HALF_LENGTH] + longer, bodies[m, HALF_WIDTH] + side_margin,
-                ):
+                    x, y, heading, WHEELBASE / 2, AV_HALF_WIDTH, px, py, ph,
+                    bodies[m, HALF_LENGTH] + longer, bodies[m, HALF_WIDTH] + side_margin,
+                ):  # fmt: skip
                     hit = t + TIME_STEP
                     break
-        if hit < np.inf or left < np.inf or (speed <= 0.0 and pedal <= 0.0 and t >= hold):
+        stands = speed <= 0.0 and pedal <= 0.0 and t >= hold
+        if hit < np.inf or left < np.inf or stands:
             break
-    return hit, left, lateral, driven
+    return hit, left, lateral

@@ -8,14 +8,18 @@ whatever else stands on the trail before it.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, SPEED, X, Y
 from haim_torchrl.envs.path import Array, Path, interpolate, project
 from haim_torchrl.envs.vehicles import FollowerVehicle
 from haim_torchrl.traffic.car_following import IDMParameters
-from haim_torchrl.traffic.kernels import idm_acceleration_scalar, idm_constants
+from haim_torchrl.traffic.kernels import IDMConstants, idm_acceleration_scalar, idm_constants
 
-CAPACITY = 4096
+CAPACITY = 2048
+"""Samples of trail that are allocated at once."""
+NEARBY = 150.0
+"""Bodies farther from the AV than this do not stand between its followers [m]."""
 
 
 class Platoon:
@@ -33,26 +37,24 @@ class Platoon:
         speeds: speeds [m/s], shape [N].
         accelerations: accelerations over the last step [m/s²], shape [N].
         vehicles: the followers as highway-env vehicles.
+        trail_length: arc length of the trail up to the AV [m].
     """
 
     def __init__(
         self, run_up: Path, count: int, gap: float, speed: float, params: IDMParameters
     ) -> None:
-        self._samples = np.zeros((3, CAPACITY))
         self._used = len(run_up.x)
+        self._samples = np.zeros((3, self._used + CAPACITY))
         self._samples[:, : self._used] = run_up.x, run_up.y, run_up.heading
         self.trail_length = run_up.length
         self._last = np.array([run_up.x[-1], run_up.y[-1]])
         self._constants = idm_constants(params)
         self._max_speed = params.desired_speed
-        length = FollowerVehicle.LENGTH
-        self._s = self.trail_length - (gap + length) * np.arange(1, count + 1)
-        self.gaps = np.full(count, gap)
-        self.speeds = np.full(count, speed)
+        self._s = self.trail_length - (gap + FollowerVehicle.LENGTH) * np.arange(1, count + 1)
+        self.gaps = np.full(count, gap, dtype=float)
+        self.speeds = np.full(count, speed, dtype=float)
         self.accelerations = np.zeros(count)
-        self.vehicles = [
-            FollowerVehicle(None, np.zeros(2), 0.0, speed) for _ in range(count)
-        ]
+        self.vehicles = [FollowerVehicle(None, np.zeros(2), 0.0, speed) for _ in range(count)]
         self._place()
 
     def step(self, position: Array, speed: float, others: Array, dt: float) -> None:
@@ -67,22 +69,18 @@ class Platoon:
         self._extend(position)
         if not len(self._s):
             return
-        length = FollowerVehicle.LENGTH
-        blockers = self._on_trail(others)
-        lead_s, lead_speed, before = self.trail_length, speed, self.speeds.copy()
-        for i in range(len(self._s)):
-            gap, ahead_speed = lead_s - self._s[i] - length, lead_speed
-            for s, half, other_speed in blockers:
-                other_gap = s - half - self._s[i] - length / 2
-                if self._s[i] < s and other_gap < gap:
-                    gap, ahead_speed = other_gap, other_speed
-            acceleration = idm_acceleration_scalar(before[i], gap, ahead_speed, self._constants)
-            new = min(max(before[i] + acceleration * dt, 0.0), self._max_speed)
-            lead_s, lead_speed = self._s[i], before[i]
-            self._s[i] += min((before[i] + new) / 2 * dt, max(gap, 0.0))
-            self.speeds[i] = new
+        before = self.speeds.copy()
+        first = max(int(self._s[-1]) - 10, 0)
+        xs, ys, headings = self._samples[:, first : self._used]
+        found = blockers(others, self._last[0], self._last[1], xs, ys, headings)
+        found[:, 0] += first
+        follow(
+            self._s, self.speeds, self.trail_length, speed, found, FollowerVehicle.LENGTH, dt,
+            self._max_speed, self._constants,
+        )  # fmt: skip
         self.accelerations = (self.speeds - before) / dt
-        self.gaps = np.concatenate([[self.trail_length], self._s[:-1]]) - self._s - length
+        self.gaps[0] = self.trail_length - self._s[0] - FollowerVehicle.LENGTH
+        self.gaps[1:] = self._s[:-1] - self._s[1:] - FollowerVehicle.LENGTH
         self._place()
 
     def _extend(self, position: Array) -> None:
@@ -90,29 +88,18 @@ class Platoon:
         distance = float(np.hypot(*travelled))
         if distance < 1e-6:
             return
-        heading = float(np.arctan2(travelled[1], travelled[0]))
         previous = self._samples[2, self._used - 1]
-        heading = previous + (heading - previous + np.pi) % (2 * np.pi) - np.pi
+        turn = float(np.arctan2(travelled[1], travelled[0])) - previous
         before = self.trail_length
         self.trail_length += distance
-        while self._used <= self.trail_length and self._used < CAPACITY:
+        if self.trail_length >= self._samples.shape[1]:
+            self._samples = np.pad(self._samples, ((0, 0), (0, CAPACITY)))
+        while self._used <= self.trail_length:
             share = (self._used - before) / distance
             self._samples[:2, self._used] = self._last + share * travelled
-            self._samples[2, self._used] = heading
+            self._samples[2, self._used] = previous + (turn + np.pi) % (2 * np.pi) - np.pi
             self._used += 1
         self._last = position.copy()
-
-    def _on_trail(self, others: Array) -> list[tuple[float, float, float]]:
-        first = max(int(self._s[-1]) - 10, 0)
-        xs, ys, headings = self._samples[:, first : self._used]
-        found = []
-        for body in others:
-            if (body[X] - self._last[0]) ** 2 + (body[Y] - self._last[1]) ** 2 > 150.0**2:
-                continue
-            s, d = project(body[X], body[Y], xs, ys, headings)
-            if abs(d) < 1.0 + body[HALF_WIDTH] and 0 < s < self._used - first:
-                found.append((s + first, body[HALF_LENGTH], body[SPEED]))
-        return found
 
     def _place(self) -> None:
         xs, ys, headings = self._samples[:, : self._used]
@@ -120,3 +107,61 @@ class Platoon:
             x, y, heading = interpolate(s, 0.0, xs, ys, headings)
             vehicle.position = np.array([x, y])
             vehicle.heading, vehicle.speed = heading, float(speed)
+
+
+@njit(cache=True)
+def blockers(
+    others: Array, av_x: float, av_y: float, xs: Array, ys: Array, headings: Array
+) -> Array:
+    """Bodies that stand on a trail.
+
+    Args:
+        others: the bodies, [M, 10].
+        av_x, av_y: the AV [m].
+        xs, ys, headings: the trail up to the AV.
+
+    Returns:
+        Arc length, half length [m] and speed [m/s] of each, [K, 3].
+    """
+    found = np.empty((others.shape[0], 3))
+    count = 0
+    for m in range(others.shape[0]):
+        x, y = others[m, X], others[m, Y]
+        if (x - av_x) ** 2 + (y - av_y) ** 2 > NEARBY**2:
+            continue
+        s, d = project(x, y, xs, ys, headings)
+        if abs(d) < 1.0 + others[m, HALF_WIDTH] and 0 < s < xs.shape[0]:
+            found[count] = s, others[m, HALF_LENGTH], others[m, SPEED]
+            count += 1
+    return found[:count]
+
+
+@njit(cache=True)
+def follow(
+    s: Array, speeds: Array, lead_s: float, lead_speed: float, others: Array,
+    length: float, dt: float, max_speed: float, constants: IDMConstants,
+) -> None:  # fmt: skip
+    """Move the followers by one time step, in place.
+
+    Args:
+        s, speeds: their arc lengths on the trail [m] and speeds [m/s], both [N].
+        lead_s, lead_speed: the AV's [m, m/s].
+        others: who else stands on the trail (see :func:`blockers`), [K, 3].
+        length: of the AV and each follower [m].
+        dt: time step [s].
+        max_speed: limit of the speeds [m/s].
+        constants: the drivers' IDM parameters.
+    """
+    for i in range(s.shape[0]):
+        here, speed = s[i], speeds[i]
+        gap, ahead_speed = lead_s - here - length, lead_speed
+        for k in range(others.shape[0]):
+            other_gap = others[k, 0] - others[k, 1] - here - length / 2
+            if here < others[k, 0] and other_gap < gap:
+                gap, ahead_speed = other_gap, others[k, 2]
+        acceleration = idm_acceleration_scalar(speed, gap, ahead_speed, constants)
+        new = min(max(speed + acceleration * dt, 0.0), max_speed)
+        lead_s, lead_speed = here, speed
+        # Never farther than the gap: a follower may touch who stops dead, not drive into it.
+        s[i] += min((speed + new) / 2 * dt, max(gap, 0.0))
+        speeds[i] = new

@@ -3,103 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from highway_env.envs.common.abstract import AbstractEnv
 
-from haim_torchrl.envs.blocks import LANE_WIDTH
-from haim_torchrl.envs.observation import ObservationConfig, observe
-from haim_torchrl.envs.planning import look_ahead
+from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
+from haim_torchrl.envs.config import PlatoonConfig
+from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, HEADING, X, Y
+from haim_torchrl.envs.observation import observe
+from haim_torchrl.envs.planning import Manoeuvre, Margins, look_ahead
 from haim_torchrl.envs.platoon import Platoon
-from haim_torchrl.envs.road import PREDICTION_STEP, PlatoonRoad
-from haim_torchrl.envs.scenario import START, ScenarioConfig, generate_scenario
-from haim_torchrl.envs.vehicles import STEERING, AutomatedVehicle, TrafficVehicle, command
+from haim_torchrl.envs.road import PlatoonRoad
+from haim_torchrl.envs.scenario import START, generate_scenario
+from haim_torchrl.envs.vehicles import AutomatedVehicle, TrafficVehicle, command
 from haim_torchrl.evaluation.recording import RoadLine, ScenarioLabels, Snapshot
 from haim_torchrl.switches.protocol import Forecast
-from haim_torchrl.traffic.car_following import IDMParameters
 
-
-@dataclass(frozen=True)
-class PlatoonConfig:
-    """Settings of the world.
-
-    Attributes:
-        first_scenario, scenarios: the set of seeds that resets without a seed draw from.
-        followers: N.
-        follower_gap: their initial bumper-to-bumper gaps [m].
-        initial_speed: of the AV and its followers [m/s].
-        horizon: steps until an episode is cut off.
-        frequency: steps per second [Hz].
-        end_on_collision: whether a collision ends the episode. Otherwise the vehicle or obstacle
-            hit is removed, as if towed away, and the AV goes on.
-        forecast_hold: how long the risk forecast holds the agent's action [s].
-        forecast_braking: how hard it brakes afterwards [m/s²].
-        forecast_road_margin: how far inside the road's edge the AV's centre has to stay in the
-            forecast [m]; 1 m is half of the vehicle's width.
-        forecast_gap_margin: distance to others that the forecast asks for, ahead and behind [m].
-        stall_speed: slower than this without cause counts as stalling [m/s]. A policy that only
-            has to avoid takeovers would otherwise learn to crawl.
-        scenario: what scenarios are drawn from.
-        observation: what the agent sees.
-        idm: the followers' car-following parameters.
-    """
-
-    first_scenario: int = 0
-    scenarios: int = 50
-    followers: int = 5
-    follower_gap: float = 15.0
-    initial_speed: float = 0.0
-    horizon: int = 1000
-    frequency: int = 10
-    end_on_collision: bool = True
-    forecast_hold: float = 0.6
-    forecast_braking: float = 5.0
-    forecast_road_margin: float = 0.8
-    forecast_gap_margin: float = 1.5
-    stall_speed: float = 3.0
-    scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
-    observation: ObservationConfig = field(default_factory=ObservationConfig)
-    idm: IDMParameters = field(default_factory=IDMParameters)
-
-    def __post_init__(self) -> None:
-        if self.scenarios < 1:
-            raise ValueError(f"scenarios: must be at least 1, got {self.scenarios}")
-        if not 0 <= self.followers <= 5:
-            raise ValueError(f"followers: must be between 0 and 5, got {self.followers}")
-        if self.horizon < 1 or self.frequency < 1:
-            raise ValueError("horizon and frequency: must be at least 1")
-        if not 0 <= self.initial_speed <= AutomatedVehicle.MAX_SPEED:
-            raise ValueError(f"initial_speed: must be in [0, 15] m/s, got {self.initial_speed}")
-
-    @classmethod
-    def of(cls, settings: Mapping[str, Any] | None) -> PlatoonConfig:
-        """Settings from a mapping; parts (scenario, observation, idm) may be mappings, too.
-
-        Raises:
-            ValueError: an unknown key.
-        """
-        parts = {"scenario": ScenarioConfig, "observation": ObservationConfig, "idm": IDMParameters}
-        values = dict(settings or {})
-        _check_names(values, cls, "env")
-        for name, kind in parts.items():
-            if isinstance(values.get(name), Mapping):
-                part = {
-                    key: tuple(value) if isinstance(value, list) else value
-                    for key, value in values[name].items()
-                }
-                _check_names(part, kind, f"env.{name}")
-                values[name] = kind(**part)
-        return cls(**values)
-
-
-def _check_names(values: Mapping[str, Any], kind: Any, where: str) -> None:
-    known = {f.name for f in fields(kind)}
-    unknown = sorted(set(values) - known)
-    if unknown:
-        raise ValueError(f"{where}: unknown setting {unknown[0]!r}; choose from {sorted(known)}")
+ARRIVAL = 8.0
+"""The destination is this far before the end of the route [m]."""
+CRUISE = 11.1
+"""Speed on a free straight road [m/s]: 40 km/h, the paper's limit."""
 
 
 class PlatoonEnv(AbstractEnv):
@@ -117,15 +42,14 @@ class PlatoonEnv(AbstractEnv):
         render_mode: None or "rgb_array".
     """
 
-    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
     road: PlatoonRoad
 
     def __init__(self, config: Mapping[str, Any] | None = None, render_mode: str | None = None):
-        drawing = set(super().default_config())
+        drawing = set(super().default_config()) - {"observation"}
         given = dict(config or {})
         rendering = {key: given.pop(key) for key in list(given) if key in drawing}
         self.settings = PlatoonConfig.of(given)
-        self._seed_drawn = False
         super().__init__(rendering, render_mode)
 
     @classmethod
@@ -158,7 +82,7 @@ class PlatoonEnv(AbstractEnv):
             seed = settings.first_scenario + int(self.np_random.integers(settings.scenarios))
         self.scenario = generate_scenario(int(seed), settings.scenario)
         lane = int(np.random.default_rng(seed).integers(self.scenario.lanes))
-        lane_d = (lane - (self.scenario.lanes - 1) / 2) * LANE_WIDTH
+        lane_d = lane_offset(lane, self.scenario.lanes)
         x, y, heading = self.scenario.route.at(START, lane_d)
         av = AutomatedVehicle(None, np.array([x, y]), heading, settings.initial_speed)
         platoon = Platoon(
@@ -170,15 +94,16 @@ class PlatoonEnv(AbstractEnv):
         )
         self.controlled_vehicles = [av]
         self.road = PlatoonRoad(self.scenario, av, platoon, np.random.RandomState(seed % 2**32))
-        self.time = self.steps = 0
+        self.time, self.steps = 0.0, 0
         self.done = False
         self.acceleration, self.distance, self.stalled = 0.0, 0.0, 0
+        self._stall_mark = settings.initial_speed
         self._progress_before = float(self.road.route_s[0])
         self._events = dict.fromkeys(("crash", "out_of_road", "wrong_way", "success"), False)
         self._cost = 0.0
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._info(None)
+        return self._observe(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Drive one step of 0.1 s."""
@@ -194,12 +119,12 @@ class PlatoonEnv(AbstractEnv):
         # A crash stops the car, but says nothing about how it was braked.
         self.acceleration = 0.0 if self._events["crash"] else (av.speed - before) / dt
         self._count_stall()
-        reward = self._reward(action)
+        reward = self._reward()
         terminated = self._is_terminated()
         truncated = self._is_truncated() and not terminated
         if self.render_mode == "human":
             self.render()
-        return self._observe(), reward, terminated, truncated, self._info(action)
+        return self._observe(), reward, terminated, truncated, self._info()
 
     def _judge(self) -> None:
         road, av = self.road, self.vehicle
@@ -211,7 +136,7 @@ class PlatoonEnv(AbstractEnv):
             road.remove(hit)
         out = abs(d) > self.scenario.half_width
         wrong = bool(np.cos(error) < 0.0)
-        arrived = s >= self.scenario.route.length - 8.0
+        arrived = s >= self.scenario.route.length - ARRIVAL
         self._cost = float(len(hit))
         self._events = {
             "crash": crash,
@@ -221,23 +146,35 @@ class PlatoonEnv(AbstractEnv):
         }
 
     def _count_stall(self) -> None:
+        """Count steps of driving slowly, getting no faster, with nothing in the way."""
         av, road = self.vehicle, self.road
-        if av.speed > self.settings.stall_speed:
-            self.stalled = 0
-            return
+        lane = road.network.get_lane(av.lane_index)
+        s, _ = lane.local_coordinates(av.position)
+        slow = self.settings.stall_speed * min(CRUISE, lane.speed_at(s))
+        if av.speed > slow or av.speed > self._stall_mark + 0.5 or self._is_held_up(slow):
+            self.stalled, self._stall_mark = 0, av.speed
+        else:
+            self.stalled += 1
+
+    def _is_held_up(self, slow: float) -> bool:
+        av, road = self.vehicle, self.road
         front, _ = road.neighbour_vehicles(av)
-        moving = front is not None and front.speed > 0.5
-        near = front is not None and np.hypot(*(front.position - av.position)) < 15.0
-        waits_for_side = any(
-            isinstance(v, TrafficVehicle) and v.spawn.side is not None and v.speed > 0.5
+        if front is not None and 0.5 < front.speed < slow + 1.0:
+            near = 12.0 + 1.5 * av.speed
+            if np.hypot(*(front.position - av.position)) < near:
+                return True
+        return any(
+            isinstance(v, TrafficVehicle)
+            and v.spawn.side is not None
+            and v.speed > 0.5
+            and np.hypot(*(v.position - av.position)) < 40.0
             for v in road.vehicles
         )
-        self.stalled = 0 if (moving and near) or waits_for_side else self.stalled + 1
 
     def _observe(self) -> np.ndarray:
         return observe(self.road, self.vehicle, self.settings.observation)
 
-    def _reward(self, action: Any) -> float:
+    def _reward(self, action: Any = None) -> float:
         s = float(self.road.route_s[0])
         moved, self._progress_before = s - self._progress_before, s
         reward = moved + 0.1 * self.vehicle.speed / AutomatedVehicle.MAX_SPEED
@@ -251,8 +188,8 @@ class PlatoonEnv(AbstractEnv):
     def _is_truncated(self) -> bool:
         return self.steps >= self.settings.horizon
 
-    def _info(self, action: Any, obs: Any = None) -> dict[str, Any]:
-        span = self.scenario.route.length - 8.0 - START
+    def _info(self, obs: Any = None, action: Any = None) -> dict[str, Any]:
+        span = self.scenario.route.length - ARRIVAL - START
         return {
             "speed": self.vehicle.speed,
             "acceleration": self.acceleration,
@@ -266,32 +203,32 @@ class PlatoonEnv(AbstractEnv):
     # What switches, mentors and recorders ask.
     def forecast(self, action: np.ndarray) -> Forecast:
         """Where the action leads if it is held for a moment and the AV then brakes."""
-        road, av, route = self.road, self.vehicle, self.scenario.route
-        wanted = command(action)
-        hit, left, lateral, _ = look_ahead(
-            av.position[0], av.position[1], av.heading, av.speed,
-            wanted["acceleration"], wanted["steering"], self.settings.forecast_hold,
-            -self.settings.forecast_braking, np.nan, STEERING, AutomatedVehicle.MAX_SPEED, 4.0,
-            route.x, route.y, route.heading, self.scenario.half_width - self.settings.forecast_road_margin,
-            road.others, road.predicted(), PREDICTION_STEP,
-            self.settings.forecast_gap_margin, 0.4, 3.0,
-        )  # fmt: skip
+        settings, wanted = self.settings, command(action)
+        outlook = look_ahead(
+            self.road,
+            Manoeuvre(
+                acceleration=wanted["acceleration"],
+                steering=wanted["steering"],
+                hold=settings.forecast_hold,
+                then=-settings.forecast_braking,
+                max_speed=AutomatedVehicle.MAX_SPEED,
+            ),
+            Margins(settings.forecast_road_margin, settings.forecast_gap_margin, 0.4, 3.0),
+        )
         return Forecast(
-            bool(np.isfinite(hit)), bool(np.isfinite(left)), hit, left, lateral, self.stalled
+            bool(np.isfinite(outlook.time_to_collision)),
+            bool(np.isfinite(outlook.time_to_departure)),
+            *outlook,
+            self.stalled,
         )
 
     def snapshot(self) -> Snapshot:
         """The scene now, for recordings."""
         road, platoon = self.road, self.road.platoon
-        boxes = road.bodies[:, [0, 1, 2, 5, 6]] * np.array([1, 1, 1, 2, 2])
+        boxes = road.bodies[:, [X, Y, HEADING, HALF_LENGTH, HALF_WIDTH]] * [1, 1, 1, 2, 2]
         first = 1 + road.followers
-        traffic = first + sum(isinstance(v, TrafficVehicle) for v in road.vehicles)
-        moving = np.array(
-            [isinstance(v, TrafficVehicle) for v in road.vehicles[first:]], dtype=bool
-        )
-        rest = boxes[first:]
-        is_traffic = np.concatenate([moving, np.zeros(len(rest) - len(moving), dtype=bool)])
-        del traffic
+        others = [*road.vehicles[first:], *road.objects]
+        moving = np.array([isinstance(thing, TrafficVehicle) for thing in others], dtype=bool)
         return Snapshot(
             time=self.time,
             vehicle=boxes[0],
@@ -301,8 +238,8 @@ class PlatoonEnv(AbstractEnv):
             follower_speeds=platoon.speeds.copy(),
             follower_accelerations=platoon.accelerations.copy(),
             follower_gaps=platoon.gaps.copy(),
-            traffic=rest[is_traffic],
-            obstacles=rest[~is_traffic],
+            traffic=boxes[first:][moving],
+            obstacles=boxes[first:][~moving],
             distance=self.distance,
         )
 
@@ -328,7 +265,3 @@ class PlatoonEnv(AbstractEnv):
         scenario = self.scenario
         kinds = tuple(kind for kind, _, _ in scenario.blocks)
         return ScenarioLabels(scenario.seed, kinds, len(scenario.obstacles))
-
-    def settings_as_dict(self) -> dict[str, Any]:
-        """The settings as plain nested mappings."""
-        return asdict(self.settings)

@@ -8,28 +8,45 @@ import numpy as np
 from highway_env.road.lane import LineType
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
+from highway_env.vehicle.objects import RoadObject
 
 from haim_torchrl.envs import geometry
-from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
-from haim_torchrl.envs.geometry import COLUMNS, HALF_LENGTH, HALF_WIDTH, PATH, SPEED, X, Y
+from haim_torchrl.envs.blocks import lane_offset
+from haim_torchrl.envs.geometry import COLUMNS, PATH, SPEED, X, Y
 from haim_torchrl.envs.lanes import PathLane
 from haim_torchrl.envs.path import Array
+from haim_torchrl.envs.planning import PREDICTION_STEP
 from haim_torchrl.envs.platoon import Platoon
 from haim_torchrl.envs.scenario import Scenario
 from haim_torchrl.envs.vehicles import (
     AutomatedVehicle,
+    LaneIndex,
     RoadObstacle,
     StoppedVehicle,
     TrafficVehicle,
 )
 
-LaneIndex = tuple[str, str, int]
 REACH = 1.4
 """A body stands on a lane's path when its centre is closer than this plus its half width [m]."""
 STUCK_STEPS = 200
 """Traffic that has stood still for this many steps without cause is removed."""
-HORIZON, PREDICTION_STEP = 20, 0.2
-"""Instants that other vehicles' motion is predicted for, and the time between them [s]."""
+HORIZON = 20
+"""Instants that other vehicles' motion is predicted for."""
+
+
+def body_of(thing: RoadObject, acceleration: float = 0.0, path: int = -1) -> tuple[float, ...]:
+    """The row of a vehicle or obstacle among the bodies; not yet located on its path.
+
+    Args:
+        thing: the vehicle or obstacle.
+        acceleration: its acceleration [m/s²].
+        path: index of the path that it drives; -1: none.
+    """
+    x, y = thing.position.tolist()
+    return (
+        *(x, y, thing.heading, thing.speed, acceleration),
+        *(thing.LENGTH / 2, thing.WIDTH / 2, path, 0.0, 0.0),
+    )
 
 
 class PlatoonRoad(Road):
@@ -44,11 +61,21 @@ class PlatoonRoad(Road):
         route_s, route_d: arc length and offset of each body on the route [m], shape [M].
     """
 
-    def __init__(self, scenario: Scenario, av: AutomatedVehicle, platoon: Platoon, rng: Any) -> None:
+    vehicles: list[Any]
+    objects: list[RoadObject]
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        av: AutomatedVehicle,
+        platoon: Platoon,
+        rng: np.random.RandomState,
+    ) -> None:
         network = RoadNetwork()
         self.scenario = scenario
         self.lanes: list[PathLane] = []
         self.indices: list[LaneIndex] = []
+        self._path_of: dict[LaneIndex, int] = {}
         for k in range(scenario.lanes):
             types = (
                 LineType.CONTINUOUS_LINE if k == 0 else LineType.STRIPED,
@@ -74,6 +101,7 @@ class PlatoonRoad(Road):
 
     def _add(self, network: RoadNetwork, index: LaneIndex, lane: PathLane) -> None:
         network.add_lane(index[0], index[1], lane)
+        self._path_of[index] = len(self.lanes)
         self.lanes.append(lane)
         self.indices.append(index)
 
@@ -95,45 +123,28 @@ class PlatoonRoad(Road):
     def refresh(self, dt: float) -> None:
         """Gather the bodies anew. Call after anything moved."""
         things = [*self.vehicles, *self.objects]
-        bodies = np.zeros((len(things), COLUMNS))
-        followers = len(self.platoon.vehicles)
+        rows = []
         speeds = {}
-        for k, thing in enumerate(things):
+        for thing in things:
             before = self._previous_speeds.get(id(thing), thing.speed)
             speeds[id(thing)] = thing.speed
             path = -1
             if isinstance(thing, TrafficVehicle):
-                path = self._path_of(thing.target_lane_index)
+                path = self._path_of[thing.target_lane_index]
             elif isinstance(thing, StoppedVehicle):
-                path = thing.lane_index[2]
-            bodies[k] = (
-                thing.position[0],
-                thing.position[1],
-                thing.heading,
-                thing.speed,
-                (thing.speed - before) / dt,
-                thing.LENGTH / 2,
-                thing.WIDTH / 2,
-                path,
-                0.0,
-                0.0,
-            )
+                path = self._path_of[thing.lane_index]
+            rows.append(body_of(thing, (thing.speed - before) / dt, path))
         self._previous_speeds = speeds
         self._things = things
-        self.rows = {id(thing): k for k, thing in enumerate(things)}
-        self.bodies, self.followers = bodies, followers
+        self._rows = {id(thing): k for k, thing in enumerate(things)}
+        self.bodies, self.followers = np.array(rows), len(self.platoon.vehicles)
         self._predicted = None
-        geometry.locate(bodies, self.xs, self.ys, self.headings, self.starts)
+        geometry.locate(self.bodies, self.xs, self.ys, self.headings, self.starts)
         route = self.scenario.route
-        self.route_s, self.route_d = geometry.along(bodies, route.x, route.y, route.heading)
-        for vehicle in things[: 1 + followers]:
-            vehicle.lane_index = self.route_lane_index(vehicle.position)
-            vehicle.lane = self.network.get_lane(vehicle.lane_index)
-
-    def _path_of(self, index: LaneIndex) -> int:
-        if index[0] == "start":
-            return index[2]
-        return self.scenario.lanes + int(index[0].split()[1])
+        self.route_s, self.route_d = geometry.along(self.bodies, route.x, route.y, route.heading)
+        for vehicle, d in zip(things[: 1 + self.followers], self.route_d.tolist(), strict=False):
+            k = self.scenario.lane_at(d)
+            vehicle.lane_index, vehicle.lane = self.indices[k], self.lanes[k]
 
     @property
     def others(self) -> Array:
@@ -150,9 +161,7 @@ class PlatoonRoad(Road):
 
     def route_lane_index(self, position: np.ndarray) -> LaneIndex:
         """The lane of the route that a position [m, m] is on, or nearest to."""
-        d = self.scenario.route.project(position)[1]
-        lane = int(np.floor((d + self.scenario.half_width) / LANE_WIDTH))
-        return ("start", "destination", min(max(lane, 0), self.scenario.lanes - 1))
+        return self.indices[self.scenario.lane_at(self.scenario.route.project(position)[1])]
 
     # highway-env asks these.
     def neighbour_vehicles(
@@ -162,7 +171,7 @@ class PlatoonRoad(Road):
         lane = self.network.get_lane(lane_index or vehicle.lane_index)
         path = lane.path
         front, rear = geometry.neighbours(
-            self.rows[id(vehicle)], self.bodies, path.x, path.y, path.heading, REACH
+            self._rows[id(vehicle)], self.bodies, path.x, path.y, path.heading, REACH
         )
         things = self._things
         return (
@@ -185,12 +194,7 @@ class PlatoonRoad(Road):
 
     def _moved_others(self) -> Array:
         rest = [*self.vehicles[1 + self.followers :], *self.objects]
-        others = np.zeros((len(rest), COLUMNS))
-        for k, thing in enumerate(rest):
-            others[k, [X, Y]] = thing.position
-            others[k, SPEED] = thing.speed
-            others[k, [HALF_LENGTH, HALF_WIDTH]] = thing.LENGTH / 2, thing.WIDTH / 2
-        return others
+        return np.array([body_of(thing) for thing in rest]).reshape(-1, COLUMNS)
 
     def _gone(self, vehicle: Vehicle) -> bool:
         if not isinstance(vehicle, TrafficVehicle):
@@ -228,25 +232,14 @@ class PlatoonRoad(Road):
             return False
         own = self.scenario.lanes + (side or 0)
         ahead = conflict[0] - self.route_s
-        on_route = (np.abs(self.route_d) < self.scenario.half_width) & (
-            self.bodies[:, PATH] != own
-        )
+        on_route = (np.abs(self.route_d) < self.scenario.half_width) & (self.bodies[:, PATH] != own)
         on_route &= (self.bodies[:, SPEED] > 0.3) | (ahead < 0)
         arrives = ahead < vehicle.spawn.patience * np.maximum(self.bodies[:, SPEED], 2.0)
         return bool((on_route & arrives & (self.route_s < conflict[1] + 3.0)).any())
 
     def collision_partners(self) -> list[int]:
         """Rows of the bodies that the AV touches."""
-        a = self.bodies[0]
-        found = []
-        for k in range(1, len(self.bodies)):
-            b = self.bodies[k]
-            if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 < 64.0 and geometry.overlaps(
-                a[0], a[1], a[2], a[5], a[6], b[0], b[1], b[2], b[5], b[6]
-            ):
-                found.append(k)
-        return found
-
+        return geometry.touching(self.bodies).tolist()
 
     def remove(self, rows: list[int]) -> None:
         """Take bodies off the road, except the AV and its followers."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from haim_torchrl.envs.blocks import BLOCKS, LANE_WIDTH, SideRoad, lane_offset
+from haim_torchrl.envs.blocks import BLOCKS, LANE_WIDTH, SideRoad
 from haim_torchrl.envs.path import Path, Piece, draw
 
 START = 115.0
@@ -122,12 +122,9 @@ class Scenario:
         """Half of the carriageway's width [m]."""
         return self.lanes * LANE_WIDTH / 2
 
-    def block_at(self, s: float) -> str:
-        """Kind of the block at an arc length [m] (straight before the first and after the last)."""
-        for kind, start, end in self.blocks:
-            if start <= s < end:
-                return kind
-        return "straight"
+    def lane_at(self, d: float) -> int:
+        """Lane at an offset [m] from the route, or the nearest one (0 is leftmost)."""
+        return min(max(int((d + self.half_width) // LANE_WIDTH), 0), self.lanes - 1)
 
 
 def generate_scenario(seed: int, config: ScenarioConfig) -> Scenario:
@@ -207,8 +204,9 @@ def _place_traffic(
             if not blocked:
                 speed = float(rng.uniform(*config.traffic_speed))
                 ahead = [k for k in leaves if sides[k].surface[0] > s + 10.0]
-                side = int(rng.choice(ahead)) if ahead and rng.random() < 0.4 else None
-                spawns.append(Spawn(float(s), speed, None if side is not None else lane, side, s - 70.0))
+                leaving = int(rng.choice(ahead)) if ahead and rng.random() < 0.4 else None
+                own = lane if leaving is None else None
+                spawns.append(Spawn(float(s), speed, own, leaving, float(s) - 70.0))
             s += 14.0 + rng.exponential(max(100.0 / config.traffic_density - 14.0, 1.0))
     for k, side in enumerate(sides):
         if side.conflict is None or side.give_way_at is None:
@@ -239,6 +237,3 @@ def _meets_elsewhere(side: SideRoad, route: Path, start: float, end: float) -> b
         if abs(d) < 14.0 and 0.0 < s < route.length and not start <= s <= end:
             return True
     return False
-
-
-__all__ = ["Scenario", "ScenarioConfig", "Spawn", "ObstaclePlacement", "generate_scenario", "lane_offset"]

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from highway_env.utils import not_zero, wrap_to_pi
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
+from numpy.typing import NDArray
 
 from haim_torchrl.envs.scenario import Spawn
 
 if TYPE_CHECKING:
     from haim_torchrl.envs.road import PlatoonRoad
 
+LaneIndex = tuple[str, str, int]
+"""highway-env's name of a lane: start and end of the road, and the lane's number."""
 BRAKING, THROTTLE = 8.0, 4.0
 """Strongest deceleration and acceleration of the automated vehicle [m/s²]."""
 STEERING = 0.5
@@ -32,6 +37,8 @@ class AutomatedVehicle(Vehicle):
     MAX_SPEED = 15.0
     target_speed = 12.0  # what MOBIL drivers assume of it when they consider cutting in
     color = (50, 200, 0)
+    speed: float
+    position: NDArray[np.float64]
 
     def drive(self, action: np.ndarray) -> None:
         """Set the command of the next step from an action in [-1, 1]²; others are clipped."""
@@ -42,9 +49,8 @@ class AutomatedVehicle(Vehicle):
         beta = np.arctan(np.tan(delta) / 2)
         direction = self.heading + beta
         before = self.speed
-        self.speed = float(
-            np.clip(before + self.action["acceleration"] * dt, self.MIN_SPEED, self.MAX_SPEED)
-        )
+        speed = before + self.action["acceleration"] * dt
+        self.speed = min(max(speed, self.MIN_SPEED), self.MAX_SPEED)
         self.position = self.position + before * dt * np.array(
             [np.cos(direction), np.sin(direction)]
         )
@@ -55,12 +61,30 @@ class AutomatedVehicle(Vehicle):
 
 
 def command(action: np.ndarray) -> dict[str, float]:
-    """The command in physical units of an action in [-1, 1]²: acceleration [m/s²], steering [rad]."""
-    pedal, wheel = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+    """The command of an action in [-1, 1]² in physical units; actions outside are clipped.
+
+    Args:
+        action: acceleration and steering, shape [2].
+
+    Returns:
+        ``acceleration`` [m/s²] and ``steering`` (front-wheel angle) [rad].
+
+    Raises:
+        ValueError: the action is not two finite numbers.
+    """
+    pedal, wheel = map(float, action)
+    if not (math.isfinite(pedal) and math.isfinite(wheel)):
+        raise ValueError(f"action: must be two finite numbers, got {[pedal, wheel]}")
+    pedal, wheel = clip(pedal, 1.0), clip(wheel, 1.0)
     return {
-        "acceleration": float(pedal * (THROTTLE if pedal > 0 else BRAKING)),
-        "steering": float(wheel * STEERING),
+        "acceleration": pedal * (THROTTLE if pedal > 0 else BRAKING),
+        "steering": wheel * STEERING,
     }
+
+
+def clip(value: float, limit: float) -> float:
+    """The value, bounded to [-limit, limit]; for a single number much faster than NumPy's."""
+    return min(max(value, -limit), limit)
 
 
 class FollowerVehicle(Vehicle):
@@ -94,8 +118,9 @@ class TrafficVehicle(IDMVehicle):
     DISTANCE_WANTED = 3.0 + Vehicle.LENGTH
 
     road: PlatoonRoad
+    speed: float
 
-    def __init__(self, road: PlatoonRoad, lane_index: tuple[str, str, int], spawn: Spawn) -> None:
+    def __init__(self, road: PlatoonRoad, lane_index: LaneIndex, spawn: Spawn) -> None:
         lane = road.network.get_lane(lane_index)
         x, y, heading = lane.path.at(spawn.s)
         # highway-env would search all lanes for the closest; the spawn knows it.
@@ -113,25 +138,54 @@ class TrafficVehicle(IDMVehicle):
     def follow_road(self) -> None:
         """Lanes end with the route: there is no next one."""
 
+    def steering_control(self, target_lane_index: LaneIndex) -> float:
+        """highway-env's lateral controller, without array functions for single numbers.
+
+        Returns:
+            Front-wheel angle [rad].
+        """
+        lane = self.road.network.get_lane(target_lane_index)
+        s, d = lane.local_coordinates(self.position)
+        speed = not_zero(self.speed)
+        ahead = lane.heading_at(s + self.speed * self.TAU_PURSUIT)
+        back = float(np.arcsin(clip(-self.KP_LATERAL * d / speed, 1.0)))
+        reference = ahead + clip(back, np.pi / 4)
+        turn = self.KP_HEADING * wrap_to_pi(reference - self.heading)
+        slip = np.arcsin(clip(self.LENGTH / 2 / speed * turn, 1.0))
+        return clip(float(np.arctan(2 * np.tan(slip))), self.MAX_STEERING_ANGLE)
+
     def act(self, action: Any = None) -> None:
+        """Decide by highway-env's MOBIL and IDM, and give way where the side road asks for it."""
         lane = self.road.network.get_lane(self.target_lane_index)
         s, _ = lane.local_coordinates(self.position)
         self.target_speed = max(min(self.spawn.speed, lane.speed_at(s)), 1.0)
-        super().act()
+        if self.enable_lane_change:
+            self.change_lane_policy()
+        acceleration = self._following(self.lane_index)
+        if self.target_lane_index != self.lane_index:
+            acceleration = min(acceleration, self._following(self.target_lane_index))
         line = self.road.give_way_line(self)
-        self.waiting = False
-        if line is not None and s < line and self.road.must_give_way(self):
-            self.waiting = True
-            gap = max(line - s - self.LENGTH / 2, 0.1)
-            wanted = 1.0 + self.speed * 0.5 + self.speed**2 / (2 * np.sqrt(2.5 * 3.5))
-            stop = self.COMFORT_ACC_MAX * (1 - (wanted / gap) ** 2)
-            self.action["acceleration"] = float(
-                np.clip(min(self.action["acceleration"], stop), -self.ACC_MAX, self.ACC_MAX)
-            )
+        self.waiting = line is not None and s < line and self.road.must_give_way(self)
+        if line is not None and self.waiting:
+            acceleration = min(acceleration, self._stopping(line - s - self.LENGTH / 2))
+        self.action = {
+            "steering": self.steering_control(self.target_lane_index),
+            "acceleration": clip(acceleration, self.ACC_MAX),
+        }
+
+    def _following(self, lane_index: LaneIndex) -> float:
+        front, rear = self.road.neighbour_vehicles(self, lane_index)
+        return self.acceleration(self, front, rear)
+
+    def _stopping(self, gap: float) -> float:
+        """Acceleration [m/s²] of an IDM driver `gap` [m] before a standing obstacle."""
+        braking = 2 * np.sqrt(self.COMFORT_ACC_MAX * -self.COMFORT_ACC_MIN)
+        wanted = 1.0 + self.speed * 0.5 + self.speed**2 / braking
+        return self.COMFORT_ACC_MAX * (1 - (wanted / max(gap, 0.1)) ** 2)
 
     def step(self, dt: float) -> None:
         super().step(dt)
-        self.speed = max(self.speed, 0.0)
+        self.speed = max(self.speed, self.MIN_SPEED)
         self.stood_still = 0 if self.speed > 0.3 or self.waiting else self.stood_still + 1
 
     def on_state_update(self) -> None:
@@ -141,9 +195,14 @@ class TrafficVehicle(IDMVehicle):
 
 
 class RoadObstacle(Obstacle):
-    """A thing that closes a lane: a row of cones or a warning triangle."""
+    """A thing that closes a lane: a row of cones or a warning triangle.
+
+    Both are wide: a single cone of 0.8 m falls between the rays, and clones of the mentor crashed
+    into obstacles of that size twice as often.
+    """
 
     SIZES = {"cones": (3.0, 2.4), "triangle": (1.0, 1.6)}
+    """Length and width of each kind [m]."""
 
     def __init__(self, kind: str, position: np.ndarray, heading: float) -> None:
         self.LENGTH, self.WIDTH = self.SIZES[kind]
@@ -156,7 +215,7 @@ class StoppedVehicle(Vehicle):
 
     color = (100, 100, 100)
 
-    def __init__(self, road: PlatoonRoad, lane_index: tuple[str, str, int], s: float, speed: float):
+    def __init__(self, road: PlatoonRoad, lane_index: LaneIndex, s: float, speed: float):
         lane = road.network.get_lane(lane_index)
         x, y, heading = lane.path.at(s)
         super().__init__(None, np.array([x, y]), heading, speed)

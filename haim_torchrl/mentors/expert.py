@@ -9,7 +9,7 @@ imitated; one that jumps between sampled accelerations teaches noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -19,11 +19,30 @@ from torch import Tensor
 from haim_torchrl.envs import geometry
 from haim_torchrl.envs.blocks import lane_offset
 from haim_torchrl.envs.geometry import HALF_LENGTH, PATH, SPEED, X, Y
-from haim_torchrl.envs.planning import look_ahead, pursue
-from haim_torchrl.envs.road import PREDICTION_STEP, REACH, PlatoonRoad
+from haim_torchrl.envs.path import Array
+from haim_torchrl.envs.planning import Manoeuvre, Margins, look_ahead, pursue
+from haim_torchrl.envs.road import REACH, PlatoonRoad
 from haim_torchrl.envs.vehicles import BRAKING, STEERING, THROTTLE, AutomatedVehicle
 
 BRAKES = (-1.0, -2.0, -3.0, -4.5, -6.0, -8.0)
+"""Decelerations that are tried in turn where the smooth choice is not free [m/s²]."""
+MARGINS = Margins(road=0.0, ahead=0.6, beside=0.25, still=0.6)
+
+
+class _Option(NamedTuple):
+    """What driving in one lane is like.
+
+    Attributes:
+        acceleration: the gentlest that is safe, or full braking [m/s²].
+        prospect: speed that the lane lets the vehicle have [m/s].
+        free: whether the acceleration is safe.
+        clear: whether the lane may be changed to without cutting in on anybody.
+    """
+
+    acceleration: float
+    prospect: float
+    free: bool
+    clear: bool
 
 
 @dataclass
@@ -34,6 +53,7 @@ class ExpertMentor:
         speed: desired speed [m/s]; 40 km/h, the paper's limit.
         headway: time headway behind a leader [s].
         gap: standstill gap behind a leader [m].
+        still_gap: the same behind something that stands in the lane [m]; it leaves room to get by.
         lane_gain: how much faster another lane must be to change to it [m/s].
         comfort: comfortable acceleration and deceleration [m/s²].
     """
@@ -51,7 +71,6 @@ class ExpertMentor:
     def reset(self, simulator: Any) -> None:
         """Start in the lane that the vehicle is in."""
         self._lane = simulator.road.av.lane_index[2]
-        self._settled = True
 
     def act(self, simulator: Any, tensordict: TensorDictBase | None = None) -> Tensor:
         """The expert's action, [2] in [-1, 1]: acceleration, steering."""
@@ -60,81 +79,77 @@ class ExpertMentor:
         here = av.lane_index[2]
         if abs(self._lane - here) > 1:
             self._lane = here  # somebody else has driven since
-        options = {}
-        for lane in {self._lane, here - 1, here, here + 1}:
-            if 0 <= lane < road.scenario.lanes:
-                options[lane] = self._option(road, lane)
-        lane = self._choose(road, options, here)
-        self._lane = lane
-        acceleration = options[lane][0]
+        options = {
+            lane: self._option(road, lane)
+            for lane in {self._lane, here - 1, here, here + 1}
+            if 0 <= lane < road.scenario.lanes
+        }
+        self._lane = self._choose(options, here)
+        acceleration = options[self._lane].acceleration
         route = road.scenario.route
         steering = pursue(
             av.position[0], av.position[1], av.heading, av.speed,
-            lane_offset(lane, road.scenario.lanes), route.x, route.y, route.heading, STEERING,
+            lane_offset(self._lane, road.scenario.lanes),
+            route.x, route.y, route.heading, STEERING,
         )  # fmt: skip
         pedal = acceleration / (THROTTLE if acceleration > 0 else BRAKING)
         return torch.tensor([pedal, steering / STEERING], dtype=torch.float32).clamp(-1.0, 1.0)
 
-    def _choose(self, road: PlatoonRoad, options: dict[int, tuple], here: int) -> int:
+    def _choose(self, options: dict[int, _Option], here: int) -> int:
         scores = {}
-        for lane, (acceleration, prospect, free, clear) in options.items():
-            score = prospect
+        for lane, option in options.items():
+            score = option.prospect
             if lane != self._lane:
                 score -= self.lane_gain
-                if not clear or acceleration < -2.5:
+                if not option.clear or option.acceleration < -2.5:
                     score -= 100.0
-            if not free:
+            if not option.free:
                 score -= 50.0
             scores[lane] = score - 0.01 * abs(lane - here)
         return max(scores, key=lambda lane: scores[lane])
 
-    def _option(self, road: PlatoonRoad, lane: int) -> tuple[float, float, bool, bool]:
-        """Acceleration [m/s²], prospective speed [m/s], free of collisions, clear to change."""
+    def _option(self, road: PlatoonRoad, lane: int) -> _Option:
         av, path = road.av, road.lanes[lane].path
         s, _ = path.project(av.position)
         front, rear = geometry.neighbours(0, road.bodies, path.x, path.y, path.heading, REACH)
         wanted = min(self.speed, road.lanes[lane].speed_at(s + 0.3 * av.speed))
-        v = av.speed
-        acceleration = self.comfort * (1 - (v / wanted) ** 4) if v <= wanted else max(
-            -2.0 * (v - wanted), -4.0
-        )
-        prospect = self.speed
+        acceleration, prospect = self._on_free_road(av.speed, wanted), self.speed
         if front >= 0:
-            other = road.bodies[front]
-            lead_s, _ = path.project((other[X], other[Y]))
-            still = other[SPEED] < 0.5 and other[PATH] < road.scenario.lanes
-            space = lead_s - s - AutomatedVehicle.LENGTH / 2 - other[HALF_LENGTH]
-            minimum = self.still_gap if still else self.gap
-            need = minimum + max(
-                0.0, v * self.headway + v * (v - other[SPEED]) / (2 * self.comfort * 1.2)
-            )
-            follow = self.comfort * (1 - (v / max(wanted, 1.0)) ** 4 - (need / max(space, 0.5)) ** 2)
-            acceleration = min(acceleration, follow)
-            prospect = min(prospect, other[SPEED] + max(space - minimum, 0.0) / 6.0)
-        acceleration = float(np.clip(acceleration, -BRAKING, THROTTLE))
+            leader = road.bodies[front]
+            lead_s, _ = path.project((leader[X], leader[Y]))
+            space = lead_s - s - AutomatedVehicle.LENGTH / 2 - leader[HALF_LENGTH]
+            still = leader[SPEED] < 0.5 and leader[PATH] < road.scenario.lanes
+            gap = self.still_gap if still else self.gap
+            acceleration = min(acceleration, self._behind(av.speed, wanted, leader, space, gap))
+            prospect = min(prospect, leader[SPEED] + max(space - gap, 0.0) / 6.0)
         clear = True
-        if rear >= 1 + road.followers:
+        if rear > road.followers:
             other = road.bodies[rear]
             rear_s, _ = path.project((other[X], other[Y]))
             space = s - rear_s - AutomatedVehicle.LENGTH / 2 - other[HALF_LENGTH]
-            clear = bool(space > 1.5 + max(0.0, 2.0 * (other[SPEED] - v)))
-        free = False
-        for choice in (acceleration, *(b for b in BRAKES if b < acceleration - 0.3)):
-            hit, left = self._trial(road, lane, choice)
-            if not np.isfinite(hit) and not np.isfinite(left):
-                acceleration, free = choice, True
-                break
-        else:
-            acceleration = -BRAKING
-        return acceleration, prospect, free, clear
+            clear = bool(space > 1.5 + max(0.0, 2.0 * (other[SPEED] - av.speed)))
+        smooth = float(np.clip(acceleration, -BRAKING, THROTTLE))
+        for choice in (smooth, *(brake for brake in BRAKES if brake < smooth - 0.3)):
+            if self._is_free(road, lane, choice):
+                return _Option(choice, prospect, True, clear)
+        return _Option(-BRAKING, prospect, False, clear)
 
-    def _trial(self, road: PlatoonRoad, lane: int, acceleration: float) -> tuple[float, float]:
-        av, route = road.av, road.scenario.route
-        hit, left, _, _ = look_ahead(
-            av.position[0], av.position[1], av.heading, av.speed,
-            0.0, 0.0, 0.0, acceleration, lane_offset(lane, road.scenario.lanes),
-            STEERING, max(self.speed, av.speed), 4.0,
-            route.x, route.y, route.heading, road.scenario.half_width,
-            road.others, road.predicted(), PREDICTION_STEP, 0.6, 0.25, 0.6,
-        )  # fmt: skip
-        return hit, left
+    def _on_free_road(self, speed: float, wanted: float) -> float:
+        if speed <= wanted:
+            return self.comfort * (1 - (speed / wanted) ** 4)
+        return max(-2.0 * (speed - wanted), -4.0)
+
+    def _behind(
+        self, speed: float, wanted: float, leader: Array, space: float, gap: float
+    ) -> float:
+        """IDM behind a leader (a body) that is `space` [m] ahead, with a standstill gap [m]."""
+        closing = speed * (speed - leader[SPEED]) / (2 * self.comfort * 1.2)
+        need = gap + max(0.0, speed * self.headway + closing)
+        free_road, interaction = (speed / max(wanted, 1.0)) ** 4, (need / max(space, 0.5)) ** 2
+        return self.comfort * (1 - free_road - interaction)
+
+    def _is_free(self, road: PlatoonRoad, lane: int, acceleration: float) -> bool:
+        target_d = lane_offset(lane, road.scenario.lanes)
+        fastest = max(self.speed, road.av.speed)
+        manoeuvre = Manoeuvre(then=acceleration, target_d=target_d, max_speed=fastest)
+        return look_ahead(road, manoeuvre, MARGINS).free

@@ -1,0 +1,93 @@
+"""Settings of the X+1+N world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from haim_torchrl.envs.observation import ObservationConfig
+from haim_torchrl.envs.scenario import ScenarioConfig
+from haim_torchrl.envs.vehicles import AutomatedVehicle
+from haim_torchrl.traffic.car_following import IDMParameters
+
+
+@dataclass(frozen=True)
+class PlatoonConfig:
+    """Settings of the world.
+
+    Attributes:
+        first_scenario, scenarios: the set of seeds that resets without a seed draw from.
+        followers: N.
+        follower_gap: their initial bumper-to-bumper gaps [m].
+        initial_speed: of the AV and its followers [m/s].
+        horizon: steps until an episode is cut off.
+        frequency: steps per second [Hz].
+        end_on_collision: whether a collision ends the episode. Otherwise the vehicle or obstacle
+            hit is removed, as if towed away, and the AV goes on.
+        forecast_hold: how long the risk forecast holds the agent's action [s].
+        forecast_braking: how hard it brakes afterwards [m/s²].
+        forecast_road_margin: how far inside the road's edge the AV's centre has to stay in the
+            forecast [m]; 1 m is half of the vehicle's width.
+        forecast_gap_margin: distance to others that the forecast asks for, ahead and behind [m].
+        stall_speed: driving slower than this share of the road's comfortable speed without cause
+            counts as stalling. A policy that only has to avoid takeovers learns to crawl just
+            above the speed that a mentor tolerates, and does not arrive in time.
+        scenario: what scenarios are drawn from.
+        observation: what the agent sees.
+        idm: the followers' car-following parameters.
+    """
+
+    first_scenario: int = 0
+    scenarios: int = 50
+    followers: int = 5
+    follower_gap: float = 15.0
+    initial_speed: float = 0.0
+    horizon: int = 1000
+    frequency: int = 10
+    end_on_collision: bool = True
+    forecast_hold: float = 0.6
+    forecast_braking: float = 5.0
+    forecast_road_margin: float = 0.8
+    forecast_gap_margin: float = 1.5
+    stall_speed: float = 0.6
+    scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    idm: IDMParameters = field(default_factory=IDMParameters)
+
+    def __post_init__(self) -> None:
+        if self.scenarios < 1:
+            raise ValueError(f"scenarios: must be at least 1, got {self.scenarios}")
+        if not 0 <= self.followers <= 5:
+            raise ValueError(f"followers: must be between 0 and 5, got {self.followers}")
+        if self.horizon < 1 or self.frequency < 1:
+            raise ValueError("horizon and frequency: must be at least 1")
+        if not 0 <= self.initial_speed <= AutomatedVehicle.MAX_SPEED:
+            raise ValueError(f"initial_speed: must be in [0, 15] m/s, got {self.initial_speed}")
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any] | None) -> PlatoonConfig:
+        """Settings from a mapping; parts (scenario, observation, idm) may be mappings, too.
+
+        Raises:
+            ValueError: an unknown key.
+        """
+        parts = {"scenario": ScenarioConfig, "observation": ObservationConfig, "idm": IDMParameters}
+        values = dict(settings or {})
+        _check_names(values, cls, "env")
+        for name, kind in parts.items():
+            if isinstance(values.get(name), Mapping):
+                part = {
+                    key: tuple(value) if isinstance(value, list) else value
+                    for key, value in values[name].items()
+                }
+                _check_names(part, kind, f"env.{name}")
+                values[name] = kind(**part)
+        return cls(**values)
+
+
+def _check_names(values: Mapping[str, Any], kind: Any, where: str) -> None:
+    known = {f.name for f in fields(kind)}
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ValueError(f"{where}: unknown setting {unknown[0]!r}; choose from {sorted(known)}")
