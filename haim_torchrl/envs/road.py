@@ -93,10 +93,10 @@ class PlatoonRoad(Road):
         self.av, self.platoon = av, platoon
         self._waiting_spawns = list(scenario.spawns)
         self._add_obstacles()
-        self._previous_speeds: dict[int, float] = {}
+        self._motion: dict[int, tuple[float, float]] = {}
         self._predicted: Array | None = None
         self.bodies = np.zeros((0, COLUMNS))
-        self.refresh(dt=0.1)
+        self.refresh()
         self.spawn()
 
     def _add(self, network: RoadNetwork, index: LaneIndex, lane: PathLane) -> None:
@@ -120,22 +120,29 @@ class PlatoonRoad(Road):
                 self.vehicles.append(StoppedVehicle(self, index, s, 2.5))
 
     # What every body is and where.
-    def refresh(self, dt: float) -> None:
-        """Gather the bodies anew. Call after anything moved."""
+    def refresh(self, dt: float | None = None) -> None:
+        """Gather the bodies anew.
+
+        Args:
+            dt: for how long everything has moved since the last time [s]; None: nothing has moved,
+                but something came or went, and accelerations are what they were.
+        """
         things = [*self.vehicles, *self.objects]
         rows = []
-        speeds = {}
+        motion = {}
         for thing in things:
-            before = self._previous_speeds.get(id(thing), thing.speed)
-            speeds[id(thing)] = thing.speed
+            speed, acceleration = self._motion.get(id(thing), (thing.speed, 0.0))
+            if dt is not None:
+                acceleration = (thing.speed - speed) / dt
+            motion[id(thing)] = thing.speed, acceleration
             path = -1
             if isinstance(thing, TrafficVehicle):
                 path = self._path_of[thing.target_lane_index]
             elif isinstance(thing, StoppedVehicle):
                 path = self._path_of[thing.lane_index]
-            rows.append(body_of(thing, (thing.speed - before) / dt, path))
-        self._previous_speeds = speeds
-        self._things = things
+            rows.append(body_of(thing, acceleration, path))
+        self._motion = motion
+        self.things = things
         self._rows = {id(thing): k for k, thing in enumerate(things)}
         self.bodies, self.followers = np.array(rows), len(self.platoon.vehicles)
         self._predicted = None
@@ -173,7 +180,7 @@ class PlatoonRoad(Road):
         front, rear = geometry.neighbours(
             self._rows[id(vehicle)], self.bodies, path.x, path.y, path.heading, REACH
         )
-        things = self._things
+        things = self.things
         return (
             things[front] if front >= 0 else None,
             things[rear] if rear >= 0 else None,
@@ -216,7 +223,7 @@ class PlatoonRoad(Road):
                 self.vehicles.append(TrafficVehicle(self, self.indices[k], spawn))
                 entered = True
         if entered:
-            self.refresh(dt=0.1)
+            self.refresh()
 
     # Priority at junctions.
     def give_way_line(self, vehicle: TrafficVehicle) -> float | None:
@@ -248,4 +255,4 @@ class PlatoonRoad(Road):
         kept = {id(thing) for k, thing in enumerate(things) if k not in gone}
         self.vehicles = [v for v in self.vehicles if id(v) in kept]
         self.objects = [o for o in self.objects if id(o) in kept]
-        self.refresh(dt=0.1)
+        self.refresh()
