@@ -28,6 +28,8 @@ from haim_torchrl.envs.vehicles import (
 
 REACH = 1.4
 """A body stands on a lane's path when its centre is closer than this plus its half width [m]."""
+ROOM = 10.0
+"""Traffic enters only where everybody else's centre is farther away than this [m]."""
 STUCK_STEPS = 200
 """Traffic that has stood still for this many steps without cause is removed."""
 HORIZON = 20
@@ -212,16 +214,16 @@ class PlatoonRoad(Road):
     def spawn(self) -> None:
         """Let traffic in that the AV has come near to, where there is room."""
         s_av = self.route_s[0]
-        entered = False
+        entered: list[tuple[int, float]] = []
         while self._waiting_spawns and self._waiting_spawns[0].trigger <= s_av:
             spawn = self._waiting_spawns.pop(0)
             k = spawn.lane if spawn.lane is not None else self.scenario.lanes + (spawn.side or 0)
-            path = self.lanes[k].path
-            x, y, _ = path.at(spawn.s)
+            x, y, _ = self.lanes[k].path.at(spawn.s)
             gaps = np.hypot(self.bodies[:, X] - x, self.bodies[:, Y] - y)
-            if gaps.min() > 10.0:
+            free = all(k != path or abs(s - spawn.s) > ROOM for path, s in entered)
+            if free and gaps.min() > ROOM:
                 self.vehicles.append(TrafficVehicle(self, self.indices[k], spawn))
-                entered = True
+                entered.append((k, spawn.s))
         if entered:
             self.refresh()
 

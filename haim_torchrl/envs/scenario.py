@@ -19,6 +19,10 @@ START = 115.0
 RUN_UP, RUN_OUT = 145.0, 30.0
 """Straight road before the first and after the last block [m]."""
 
+OBSTACLES = ("cones", "triangle", "stopped", "slow")
+"""Kinds of obstacles: a row of cones, a warning triangle before a broken-down vehicle, a
+broken-down vehicle, and one that crawls."""
+
 
 @dataclass(frozen=True)
 class ScenarioConfig:
@@ -43,26 +47,38 @@ class ScenarioConfig:
     traffic_speed: tuple[float, float] = (6.0, 9.0)
     obstacles: tuple[float, ...] = (0.2, 0.5, 0.3)
     obstacle_kinds: Mapping[str, float] = field(
-        default_factory=lambda: {"cones": 1.0, "triangle": 1.0, "stopped": 1.0, "slow": 1.0}
+        default_factory=lambda: dict.fromkeys(OBSTACLES, 1.0)
     )
 
     def __post_init__(self) -> None:
         unknown = set(self.blocks) - set(BLOCKS)
         if unknown:
             raise ValueError(f"blocks: unknown {sorted(unknown)}; choose from {sorted(BLOCKS)}")
-        if not any(weight > 0 for weight in self.blocks.values()):
-            raise ValueError("blocks: give at least one block type a positive weight")
+        _check_weights("blocks", self.blocks)
         if self.block_count < 1:
             raise ValueError(f"block_count: must be at least 1, got {self.block_count}")
         if not self.lanes or any(lane not in (2, 3) for lane in self.lanes):
             raise ValueError(f"lanes: choose 2 and/or 3, got {list(self.lanes)}")
         if self.traffic_density < 0 or self.side_traffic < 0:
             raise ValueError("traffic_density and side_traffic: must not be negative")
-        unknown = set(self.obstacle_kinds) - {"cones", "triangle", "stopped", "slow"}
+        if len(self.traffic_speed) != 2 or not 0 < self.traffic_speed[0] <= self.traffic_speed[1]:
+            raise ValueError(
+                "traffic_speed: must be two speeds, the lower one first and positive, "
+                f"got {list(self.traffic_speed)}"
+            )
+        unknown = set(self.obstacle_kinds) - set(OBSTACLES)
         if unknown:
-            raise ValueError(f"obstacle_kinds: unknown {sorted(unknown)}")
+            raise ValueError(
+                f"obstacle_kinds: unknown {sorted(unknown)}; choose from {sorted(OBSTACLES)}"
+            )
+        _check_weights("obstacle_kinds", self.obstacle_kinds)
         if abs(sum(self.obstacles) - 1.0) > 1e-6 or min(self.obstacles) < 0:
             raise ValueError(f"obstacles: probabilities must sum to 1, got {list(self.obstacles)}")
+
+
+def _check_weights(name: str, weights: Mapping[str, float]) -> None:
+    if min(weights.values(), default=0.0) < 0 or not any(w > 0 for w in weights.values()):
+        raise ValueError(f"{name}: weights must not be negative, and at least one positive")
 
 
 @dataclass(frozen=True)
