@@ -39,6 +39,7 @@ from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.report import final_report
 from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
 from haim_torchrl.evaluation.training_log import TrainingLog
+from haim_torchrl.modules import PolicyAverage
 from haim_torchrl.objectives import NonFiniteLossError, UpdateStep
 
 
@@ -59,6 +60,7 @@ def train(config: DictConfig) -> Path:
         loss.make_target_updater(config.loss.tau),
         max_grad_norm=config.train.max_grad_norm,
     )
+    average = PolicyAverage(actor, config.train.policy_average)
     batch_size = config.train.batch_size
     replay = build(config.replay, batch_size=batch_size, keys=loss.in_keys, device=device)
     collector = build(
@@ -76,6 +78,7 @@ def train(config: DictConfig) -> Path:
         folder,
         config,
         actor=actor,
+        average=average,
         collector=collector,
         log=log,
         schedule=schedule,
@@ -98,6 +101,7 @@ def train(config: DictConfig) -> Path:
             try:
                 for _ in range(schedule.advance(batch.numel())):
                     log.add_losses(update(replay.sample()))
+                    average.update()
             except NonFiniteLossError as error:
                 raise RunFailed(f"{error} The last good checkpoint is {run.last()}.") from error
             collector.update_policy_weights_()

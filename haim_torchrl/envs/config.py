@@ -22,7 +22,6 @@ class PlatoonConfig:
         follower_gap: their initial bumper-to-bumper gaps [m].
         initial_speed: of the AV and its followers [m/s].
         horizon: steps until an episode is cut off.
-        frequency: steps per second [Hz].
         end_on_collision: whether a collision ends the episode. Otherwise the vehicle or obstacle
             hit is removed, as if towed away, and the AV goes on.
         forecast_hold: how long the risk forecast holds the agent's action [s].
@@ -44,7 +43,6 @@ class PlatoonConfig:
     follower_gap: float = 15.0
     initial_speed: float = 0.0
     horizon: int = 1000
-    frequency: int = 10
     end_on_collision: bool = True
     forecast_hold: float = 0.6
     forecast_braking: float = 5.0
@@ -56,14 +54,21 @@ class PlatoonConfig:
     idm: IDMParameters = field(default_factory=IDMParameters)
 
     def __post_init__(self) -> None:
+        if self.first_scenario < 0:
+            raise ValueError(f"first_scenario: must not be negative, got {self.first_scenario}")
         if self.scenarios < 1:
             raise ValueError(f"scenarios: must be at least 1, got {self.scenarios}")
-        if not 0 <= self.followers <= 5:
-            raise ValueError(f"followers: must be between 0 and 5, got {self.followers}")
-        if self.horizon < 1 or self.frequency < 1:
-            raise ValueError("horizon and frequency: must be at least 1")
+        if not 1 <= self.followers <= 5:
+            raise ValueError(f"followers: must be between 1 and 5, got {self.followers}")
+        if self.horizon < 1:
+            raise ValueError(f"horizon: must be at least 1, got {self.horizon}")
         if not 0 <= self.initial_speed <= AutomatedVehicle.MAX_SPEED:
             raise ValueError(f"initial_speed: must be in [0, 15] m/s, got {self.initial_speed}")
+        if self.forecast_braking <= 0:
+            raise ValueError(f"forecast_braking: must be positive, got {self.forecast_braking}")
+        for name in ("follower_gap", "forecast_hold", "forecast_gap_margin", "stall_speed"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name}: must not be negative, got {getattr(self, name)}")
 
     @classmethod
     def of(cls, settings: Mapping[str, Any] | None) -> PlatoonConfig:

@@ -21,6 +21,8 @@ from haim_torchrl.envs.vehicles import AutomatedVehicle, TrafficVehicle, command
 from haim_torchrl.evaluation.recording import RoadLine, ScenarioLabels, Snapshot
 from haim_torchrl.switches.protocol import Forecast
 
+TIME_STEP = 0.1
+"""Duration of a step [s]."""
 ARRIVAL = 8.0
 """The destination is this far before the end of the route [m]."""
 CRUISE = 11.1
@@ -101,13 +103,14 @@ class PlatoonEnv(AbstractEnv):
         self._progress_before = float(self.road.route_s[0])
         self._events = dict.fromkeys(("crash", "out_of_road", "wrong_way", "success"), False)
         self._cost = 0.0
+        self._touching: set[int] = set()
         if self.render_mode == "human":
             self.render()
         return self._observe(), self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Drive one step of 0.1 s."""
-        av, dt = self.vehicle, 1.0 / self.settings.frequency
+        av, dt = self.vehicle, TIME_STEP
         before, position = av.speed, av.position.copy()
         av.drive(action)
         self.road.act()
@@ -130,7 +133,10 @@ class PlatoonEnv(AbstractEnv):
         road, av = self.road, self.vehicle
         s, d = float(road.route_s[0]), float(road.route_d[0])
         error = av.heading - self.scenario.route.at(s)[2]
-        hit = road.collision_partners()
+        touched = {id(road.things[row]): row for row in road.collision_partners()}
+        # A collision is an event: what the AV still touches from the last step is not a new one.
+        hit = [row for thing, row in touched.items() if thing not in self._touching]
+        self._touching = set(touched)
         crash = bool(hit)
         if hit and not self.settings.end_on_collision:
             road.remove(hit)
@@ -225,7 +231,8 @@ class PlatoonEnv(AbstractEnv):
     def snapshot(self) -> Snapshot:
         """The scene now, for recordings."""
         road, platoon = self.road, self.road.platoon
-        boxes = road.bodies[:, [X, Y, HEADING, HALF_LENGTH, HALF_WIDTH]] * [1, 1, 1, 2, 2]
+        # highway-env's y axis points to the right of the road, that of recordings to the left.
+        boxes = road.bodies[:, [X, Y, HEADING, HALF_LENGTH, HALF_WIDTH]] * [1, -1, -1, 2, 2]
         first = 1 + road.followers
         others = [*road.vehicles[first:], *road.objects]
         moving = np.array([isinstance(thing, TrafficVehicle) for thing in others], dtype=bool)
@@ -250,14 +257,14 @@ class PlatoonEnv(AbstractEnv):
         for k in range(scenario.lanes + 1):
             path = scenario.route.shifted(k * LANE_WIDTH - scenario.half_width)
             edge = k in (0, scenario.lanes)
-            lines.append(RoadLine(np.stack([path.x, path.y], 1), edge=edge))
+            lines.append(RoadLine(np.stack([path.x, -path.y], 1), edge=edge))
         for side in scenario.sides:
             surface = side.path.part(*side.surface)
             for d in (-LANE_WIDTH / 2, LANE_WIDTH / 2):
                 path = surface.shifted(d)
-                lines.append(RoadLine(np.stack([path.x, path.y], 1), edge=False))
+                lines.append(RoadLine(np.stack([path.x, -path.y], 1), edge=False))
         route = scenario.route
-        lines.append(RoadLine(np.stack([route.x, route.y], 1), edge=False, route=True))
+        lines.append(RoadLine(np.stack([route.x, -route.y], 1), edge=False, route=True))
         return lines
 
     def scenario_labels(self) -> ScenarioLabels:

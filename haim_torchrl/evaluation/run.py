@@ -30,6 +30,7 @@ from haim_torchrl.evaluation.drivers import PolicyDriver
 from haim_torchrl.evaluation.evaluator import evaluate
 from haim_torchrl.evaluation.metrics import Summary
 from haim_torchrl.evaluation.training_log import TrainingLog
+from haim_torchrl.modules import PolicyAverage
 
 
 class Stateful(Protocol):
@@ -101,6 +102,7 @@ class Run:
         folder: The run's folder.
         config: Its settings.
         actor: Its policy.
+        average: The average of its policy, which is validated and kept.
         collector: Its collector.
         log: What it writes down.
         schedule: What is due when.
@@ -113,6 +115,7 @@ class Run:
         config: DictConfig,
         *,
         actor: ProbabilisticActor,
+        average: PolicyAverage,
         collector: BaseCollector,
         log: TrainingLog,
         schedule: Schedule,
@@ -120,7 +123,13 @@ class Run:
     ) -> None:
         self.folder, self.config = folder, config
         self.actor, self.collector, self.log, self.schedule = actor, collector, log, schedule
-        self._parts: dict[str, Stateful] = {**parts, "log": log, "schedule": schedule}
+        self.average = average
+        self._parts: dict[str, Stateful] = {
+            **parts,
+            "average": average,
+            "log": log,
+            "schedule": schedule,
+        }
         self._best: tuple[float, float, int] | None = None
         self._choices = _choices()
 
@@ -147,7 +156,8 @@ class Run:
                 "config": OmegaConf.to_yaml(self.config),
                 "choices": self._choices,
                 "frames": self.schedule.frames,
-                "actor": self.actor.state_dict(),
+                "actor": self.average.actor.state_dict(),
+                "learner": self.actor.state_dict(),
                 "best": self._best,
                 "parts": {name: part.state_dict() for name, part in self._parts.items()},
                 "collector": self.collector.state_dict(),
@@ -169,7 +179,7 @@ class Run:
             raise CheckpointError(
                 f"checkpoint {path} holds a policy only; resume from the run's checkpoints/last.pt"
             )
-        load_module(self.actor, contents["actor"], "actor", path)
+        load_module(self.actor, contents["learner"], "actor", path)
         for name, part in self._parts.items():
             try:
                 part.load_state_dict(contents["parts"][name])
@@ -202,7 +212,7 @@ class Run:
         The best has the highest success; among equals the fewest violations, then the latest.
         """
         world = World.of(self.config, "validation", takeovers=False)
-        result = evaluate(PolicyDriver(self.actor), world, world.seeds())
+        result = evaluate(PolicyDriver(self.average.actor), world, world.seeds())
         summary = result.summary(self.config.eval.level)
         figures: dict[str, float] = {
             name: summary.overall[name].value
@@ -228,7 +238,7 @@ class Run:
                 "kind": "policy",
                 "config": OmegaConf.to_yaml(self.config),
                 "frames": self.schedule.frames,
-                "actor": self.actor.state_dict(),
+                "actor": self.average.actor.state_dict(),
                 "totals": dict(self.log.totals),
                 "validation": dict(figures),
             },

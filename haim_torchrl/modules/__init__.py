@@ -1,6 +1,7 @@
 """Networks of the agent: the policy, the critics, the entropy temperature."""
 
 from haim_torchrl.modules.actor import ActorMLP, make_actor
+from haim_torchrl.modules.average import PolicyAverage
 from haim_torchrl.modules.critic import EnsembleLayerNorm, EnsembleMLP, make_critic
 from haim_torchrl.modules.temperature import Temperature, as_temperature
 
@@ -8,6 +9,7 @@ __all__ = [
     "ActorMLP",
     "EnsembleLayerNorm",
     "EnsembleMLP",
+    "PolicyAverage",
     "Temperature",
     "as_temperature",
     "make_actor",

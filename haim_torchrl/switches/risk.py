@@ -17,7 +17,7 @@ class RiskSwitch:
         departure: whether leaving the road counts.
         max_lateral_acceleration: largest lateral acceleration accepted, m/s². 4 m/s² is about
             what passengers bear and dry roads hold with margin.
-        max_stalled_steps: number of steps without motion or cause for it at which the mentor
+        max_stalled_steps: number of steps of crawling or standing without cause at which the mentor
             helps, so that an agent cannot avoid takeovers by standing still.
         min_time_to_collision: least time to a collision accepted, s. Without it any predicted
             collision counts, however late.
@@ -35,7 +35,7 @@ class RiskSwitch:
         collision: bool = True,
         departure: bool = True,
         max_lateral_acceleration: float | None = 4.0,
-        max_stalled_steps: int | None = 10,
+        max_stalled_steps: int | None = 20,
         min_time_to_collision: float | None = None,
         min_time_to_departure: float | None = None,
     ) -> None:
