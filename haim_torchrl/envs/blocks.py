@@ -203,7 +203,7 @@ def _joining(
     x, y, heading = route.at(end, offset)
     run = 60.0 + radius
     start = (x - run * np.cos(heading), y - run * np.sin(heading), heading)
-    path = draw([Piece(np.floor(run))], start).then(route.shifted(offset).part(end, route.length))
+    path = draw([Piece(run)], start).then(route.part(end, route.length).shifted(offset))
     return SideRoad(
         path, (0.0, run), run - radius - lanes * LANE_WIDTH / 2 - 5.0, (turn + 2.0, end + 8.0)
     )
@@ -212,7 +212,7 @@ def _joining(
 def _leaving(route: Path, at: float, lane: int, lanes: int, pieces: Sequence[Piece]) -> SideRoad:
     """Traffic of the route that takes another branch from one of its outer lanes."""
     offset = lane_offset(lane, lanes)
-    before = route.shifted(offset).part(0, at)
+    before = route.part(0, at).shifted(offset)
     pose = (before.x[-1], before.y[-1], before.heading[-1])
     path = before.then(draw(pieces, pose))
     return SideRoad(path, (before.length, path.length), leaves_from=lane)
@@ -235,7 +235,7 @@ def _stem_from_the_right(route: Path, start: float, lanes: int) -> list[SideRoad
     end = start + 60.0
     x, y, heading = route.at(end, offset)
     turn = draw([Piece(run), arc(radius, np.pi / 2)])
-    path = _arriving(turn, (x, y, heading)).then(route.shifted(offset).part(end, route.length))
+    path = _arriving(turn, (x, y, heading)).then(route.part(end, route.length).shifted(offset))
     return [SideRoad(path, (0.0, turn.length), run - 4.0, (end - radius - 4.0, end + 10.0))]
 
 
