@@ -44,7 +44,7 @@ class PlatoonConfig:
     initial_speed: float = 0.0
     horizon: int = 1000
     end_on_collision: bool = True
-    forecast_hold: float = 0.6
+    forecast_hold: float = 1.0
     forecast_braking: float = 5.0
     forecast_road_margin: float = 0.8
     forecast_gap_margin: float = 1.5

@@ -18,8 +18,6 @@ from haim_torchrl.traffic.kernels import IDMConstants, idm_acceleration_scalar, 
 
 CAPACITY = 2048
 """Samples of trail that are allocated at once."""
-NEARBY = 150.0
-"""Bodies farther from the AV than this do not stand between its followers [m]."""
 
 
 class Platoon:
@@ -72,7 +70,7 @@ class Platoon:
         before = self.speeds.copy()
         first = max(int(self._s[-1]) - 10, 0)
         xs, ys, headings = self._samples[:, first : self._used]
-        found = blockers(others, self._last[0], self._last[1], xs, ys, headings)
+        found = blockers(others, xs, ys, headings)
         found[:, 0] += first
         follow(
             self._s, self.speeds, self.trail_length, speed, found, FollowerVehicle.LENGTH, dt,
@@ -110,14 +108,11 @@ class Platoon:
 
 
 @njit(cache=True)
-def blockers(
-    others: Array, av_x: float, av_y: float, xs: Array, ys: Array, headings: Array
-) -> Array:
+def blockers(others: Array, xs: Array, ys: Array, headings: Array) -> Array:
     """Bodies that stand on a trail.
 
     Args:
         others: the bodies, [M, 10].
-        av_x, av_y: the AV [m].
         xs, ys, headings: the trail up to the AV.
 
     Returns:
@@ -126,10 +121,7 @@ def blockers(
     found = np.empty((others.shape[0], 3))
     count = 0
     for m in range(others.shape[0]):
-        x, y = others[m, X], others[m, Y]
-        if (x - av_x) ** 2 + (y - av_y) ** 2 > NEARBY**2:
-            continue
-        s, d = project(x, y, xs, ys, headings)
+        s, d = project(others[m, X], others[m, Y], xs, ys, headings)
         if abs(d) < 1.0 + others[m, HALF_WIDTH] and 0 < s < xs.shape[0]:
             found[count] = s, others[m, HALF_LENGTH], others[m, SPEED]
             count += 1
