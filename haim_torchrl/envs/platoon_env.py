@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.vehicle.objects import RoadObject
 
 from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
 from haim_torchrl.envs.config import PlatoonConfig
@@ -103,7 +104,7 @@ class PlatoonEnv(AbstractEnv):
         self._progress_before = float(self.road.route_s[0])
         self._events = dict.fromkeys(("crash", "out_of_road", "wrong_way", "success"), False)
         self._cost = 0.0
-        self._touching: set[int] = set()
+        self._touching: set[RoadObject] = set()
         if self.render_mode == "human":
             self.render()
         return self._observe(), self._info()
@@ -133,7 +134,7 @@ class PlatoonEnv(AbstractEnv):
         road, av = self.road, self.vehicle
         s, d = float(road.route_s[0]), float(road.route_d[0])
         error = av.heading - self.scenario.route.at(s)[2]
-        touched = {id(road.things[row]): row for row in road.collision_partners()}
+        touched = {road.things[row]: row for row in road.collision_partners()}
         # A collision is an event: what the AV still touches from the last step is not a new one.
         hit = [row for thing, row in touched.items() if thing not in self._touching]
         self._touching = set(touched)
