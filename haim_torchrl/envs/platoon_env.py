@@ -26,6 +26,11 @@ TIME_STEP = 0.1
 """Duration of a step [s]."""
 ARRIVAL = 8.0
 """The destination is this far before the end of the route [m]."""
+RENDERING = (
+    *("screen_width", "screen_height", "scaling", "centering_position"),
+    *("show_trajectories", "offscreen_rendering", "real_time_rendering"),
+)
+"""highway-env's settings that have a meaning here."""
 CRUISE = 11.1
 """Speed on a free straight road [m/s]: 40 km/h, the paper's limit."""
 
@@ -49,9 +54,8 @@ class PlatoonEnv(AbstractEnv):
     road: PlatoonRoad
 
     def __init__(self, config: Mapping[str, Any] | None = None, render_mode: str | None = None):
-        drawing = set(super().default_config()) - {"observation"}
         given = dict(config or {})
-        rendering = {key: given.pop(key) for key in list(given) if key in drawing}
+        rendering = {key: given.pop(key) for key in RENDERING if key in given}
         self.settings = PlatoonConfig.of(given)
         super().__init__(rendering, render_mode)
 

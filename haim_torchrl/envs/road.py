@@ -80,13 +80,14 @@ class PlatoonRoad(Road):
         self._path_of: dict[LaneIndex, int] = {}
         for k in range(scenario.lanes):
             types = (
-                LineType.CONTINUOUS_LINE if k == 0 else LineType.STRIPED,
-                LineType.CONTINUOUS_LINE if k == scenario.lanes - 1 else LineType.NONE,
+                LineType.CONTINUOUS if k == 0 else LineType.STRIPED,
+                LineType.CONTINUOUS if k == scenario.lanes - 1 else LineType.NONE,
             )
             path = scenario.route.shifted(lane_offset(k, scenario.lanes))
             self._add(network, ("start", "destination", k), PathLane(path, types))
+        dashed = (LineType.STRIPED, LineType.STRIPED)
         for k, side in enumerate(scenario.sides):
-            self._add(network, (f"side {k}", f"end {k}", 0), PathLane(side.path))
+            self._add(network, (f"side {k}", f"end {k}", 0), PathLane(side.path, dashed))
         self.xs = np.concatenate([lane.path.x for lane in self.lanes])
         self.ys = np.concatenate([lane.path.y for lane in self.lanes])
         self.headings = np.concatenate([lane.path.heading for lane in self.lanes])
