@@ -99,7 +99,7 @@ class Forecast:
         time_to_collision: seconds until that collision, ``inf`` without one.
         time_to_departure: seconds until the road is left, ``inf`` if it is not.
         lateral_acceleration: magnitude of the largest lateral acceleration, m/s².
-        stalled_steps: steps for which the vehicle has crawled or stood still without cause, up to now.
+        stalled_steps: steps of crawling or standing without cause, up to now.
     """
 
     collision: bool = False
