@@ -3,6 +3,9 @@
 The whole world hangs on them: the AV's route, every lane, every side road and the
 followers' trail are paths. Frame as in highway-env: x forward, y to the right, headings
 grow clockwise as seen from above; a lateral offset d is positive to the right.
+
+The compiled functions here are compiled into those of other modules, and numba's cache compares
+only a function's own file: after a change here, remove the package's ``__pycache__`` folders.
 """
 
 from __future__ import annotations

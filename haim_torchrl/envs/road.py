@@ -45,10 +45,9 @@ def body_of(thing: RoadObject, acceleration: float = 0.0, path: int = -1) -> tup
         path: index of the path that it drives; -1: none.
     """
     x, y = thing.position.tolist()
-    return (
-        *(x, y, thing.heading, thing.speed, acceleration),
-        *(thing.LENGTH / 2, thing.WIDTH / 2, path, 0.0, 0.0),
-    )
+    half_length, half_width = thing.LENGTH / 2, thing.WIDTH / 2
+    s, d = 0.0, 0.0
+    return x, y, thing.heading, thing.speed, acceleration, half_length, half_width, path, s, d
 
 
 class PlatoonRoad(Road):
