@@ -197,8 +197,8 @@ class TrafficVehicle(IDMVehicle):
 class RoadObstacle(Obstacle):
     """A thing that closes a lane: a row of cones or a warning triangle.
 
-    Both are wide: a single cone of 0.8 m falls between the rays, and clones of the mentor crashed
-    into obstacles of that size twice as often.
+    Both are wide: 30 m away a cone of 0.8 m falls between the rays, and clones of the mentor
+    arrived less often with obstacles of that size than of 2.4 m (.55 against .70).
     """
 
     SIZES = {"cones": (3.0, 2.4), "triangle": (1.0, 1.6)}
