@@ -79,11 +79,14 @@ class Outlook(NamedTuple):
         time_to_collision, time_to_departure: of the first collision and of leaving the road [s];
             inf: neither happens.
         lateral_acceleration: the largest during the first command [m/s²].
+        clearance: the least distance between the road's edge and the AV's centre during the first
+            command [m]; inf without one.
     """
 
     time_to_collision: float
     time_to_departure: float
     lateral_acceleration: float
+    clearance: float
 
     @property
     def free(self) -> bool:
@@ -136,9 +139,9 @@ def _look_ahead(
     limit: float, max_speed: float, horizon: float,
     xs: Array, ys: Array, headings: Array, half_width: float, road_margin: float,
     bodies: Array, poses: Array, ahead_margin: float, side_margin: float, still_margin: float,
-) -> tuple[float, float, float]:  # fmt: skip
+) -> tuple[float, float, float, float]:  # fmt: skip
     """The compiled part of :func:`look_ahead`; `poses` as of `geometry.predict`, [T, M, 3]."""
-    hit, left, lateral = np.inf, np.inf, 0.0
+    hit, left, lateral, clearance = np.inf, np.inf, 0.0, np.inf
     keeps_offset = np.isnan(target_d)
     for k in range(round(horizon / TIME_STEP)):
         t = k * TIME_STEP
@@ -162,6 +165,8 @@ def _look_ahead(
         heading += yaw * TIME_STEP
         speed = min(max(speed + pedal * TIME_STEP, 0.0), max_speed)
         _, d = project(x, y, xs, ys, headings)
+        if held:
+            clearance = min(clearance, half_width - abs(d))
         if abs(d) > half_width - road_margin:
             left = t + TIME_STEP
         step = round((t + TIME_STEP) / PREDICTION_STEP - 1)
@@ -182,4 +187,4 @@ def _look_ahead(
         stands = speed <= 0.0 and pedal <= 0.0 and t >= hold
         if hit < np.inf or left < np.inf or stands:
             break
-    return hit, left, lateral
+    return hit, left, lateral, clearance

@@ -88,7 +88,7 @@ class PlatoonEnv(AbstractEnv):
         if seed is None:
             seed = settings.first_scenario + int(self.np_random.integers(settings.scenarios))
         self.scenario = generate_scenario(int(seed), settings.scenario)
-        lane = int(np.random.default_rng(seed).integers(self.scenario.lanes))
+        lane = int(np.random.default_rng([seed, 1]).integers(self.scenario.lanes))
         lane_d = lane_offset(lane, self.scenario.lanes)
         x, y, heading = self.scenario.route.at(START, lane_d)
         av = AutomatedVehicle(None, np.array([x, y]), heading, settings.initial_speed)
@@ -227,10 +227,10 @@ class PlatoonEnv(AbstractEnv):
             Margins(settings.forecast_road_margin, settings.forecast_gap_margin, 0.4, 3.0),
         )
         return Forecast(
-            bool(np.isfinite(outlook.time_to_collision)),
-            bool(np.isfinite(outlook.time_to_departure)),
-            *outlook,
-            self.stalled,
+            collision=bool(np.isfinite(outlook.time_to_collision)),
+            departure=bool(np.isfinite(outlook.time_to_departure)),
+            stalled_steps=self.stalled,
+            **outlook._asdict(),
         )
 
     def snapshot(self) -> Snapshot:

@@ -99,6 +99,8 @@ class Forecast:
         time_to_collision: seconds until that collision, ``inf`` without one.
         time_to_departure: seconds until the road is left, ``inf`` if it is not.
         lateral_acceleration: magnitude of the largest lateral acceleration, m/s².
+        clearance: least distance between the road's edge and the vehicle's centre while the action
+            is held, m; ``inf`` where there is no road.
         stalled_steps: steps of crawling or standing without cause, up to now.
     """
 
@@ -107,6 +109,7 @@ class Forecast:
     time_to_collision: float = math.inf
     time_to_departure: float = math.inf
     lateral_acceleration: float = 0.0
+    clearance: float = math.inf
     stalled_steps: int = 0
 
 

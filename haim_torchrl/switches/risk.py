@@ -22,6 +22,9 @@ class RiskSwitch:
         min_time_to_collision: least time to a collision accepted, s. Without it any predicted
             collision counts, however late.
         min_time_to_departure: likewise for leaving the road, s.
+        release_clearance: clearance from the road's edge below which a mentor in control keeps it,
+            m. A mentor who lets go as soon as the danger is over lets go beside the edge, and the
+            agent never sees how the way back to the lane ends: it then drifts off the road.
 
     Raises:
         ValueError: a limit that is not positive, or a switch that can never fire.
@@ -38,12 +41,14 @@ class RiskSwitch:
         max_stalled_steps: int | None = 20,
         min_time_to_collision: float | None = None,
         min_time_to_departure: float | None = None,
+        release_clearance: float | None = None,
     ) -> None:
         limits = {
             "max_lateral_acceleration": max_lateral_acceleration,
             "max_stalled_steps": max_stalled_steps,
             "min_time_to_collision": min_time_to_collision,
             "min_time_to_departure": min_time_to_departure,
+            "release_clearance": release_clearance,
         }
         for name, limit in limits.items():
             if limit is not None and not limit > 0:
@@ -59,6 +64,7 @@ class RiskSwitch:
         self.max_stalled_steps = max_stalled_steps
         self.min_time_to_collision = min_time_to_collision
         self.min_time_to_departure = min_time_to_departure
+        self.release_clearance = release_clearance
 
     def reset(self) -> None:
         """Nothing to forget."""
@@ -72,7 +78,12 @@ class RiskSwitch:
                 f"{type(situation.simulator).__name__} has none: use ActionSwitch or "
                 "ProbabilitySwitch, or give the simulator that method."
             )
-        return self.is_risky(forecast(situation.action_agent.numpy()))
+        outlook = forecast(situation.action_agent.numpy())
+        return self.is_risky(outlook) or (
+            situation.was_intervening
+            and self.release_clearance is not None
+            and outlook.clearance < self.release_clearance
+        )
 
     def is_risky(self, forecast: Forecast) -> bool:
         """Whether a forecast breaks a limit."""

@@ -258,7 +258,7 @@ def test_a_brake_that_the_vehicle_has_not_is_named() -> None:
 
 
 def test_nobody_to_disturb_is_named() -> None:
-    with pytest.raises(ConfigError, match="no follower"):
+    with pytest.raises(ConfigError, match="followers: must be between 1 and 5"):
         World.of(changed("env.followers=0"), "train", takeovers=True)()
 
 

@@ -31,8 +31,8 @@ def decide(situation, switch, **forecast):
         ({"departure": True, "time_to_departure": 2.0}, True),
         ({"lateral_acceleration": 4.0}, False),
         ({"lateral_acceleration": 4.1}, True),
-        ({"stalled_steps": 9}, False),
-        ({"stalled_steps": 10}, True),
+        ({"stalled_steps": 19}, False),
+        ({"stalled_steps": 20}, True),
     ],
 )
 def test_default_limits(situation, forecast, expected):
@@ -62,6 +62,18 @@ def test_least_time_to_departure(situation, time, expected):
 )
 def test_each_limit_can_be_off(situation, off, forecast):
     assert decide(situation, RiskSwitch(**off), **forecast) is False
+
+
+@pytest.mark.parametrize(
+    ("was_intervening", "clearance", "expected"),
+    [(False, 1.0, False), (True, 1.0, True), (True, 1.5, False), (True, 3.0, False)],
+)
+def test_a_mentor_keeps_control_until_clear_of_the_edge(
+    situation, was_intervening, clearance, expected
+):
+    step, _ = situation(simulator=Oracle(clearance=clearance), was_intervening=was_intervening)
+    assert RiskSwitch(release_clearance=1.5)(step) is expected
+    assert RiskSwitch()(step) is False
 
 
 def test_forecast_is_for_the_agents_action(situation):
@@ -94,6 +106,7 @@ def test_a_switch_that_never_fires_is_refused():
         "max_stalled_steps",
         "min_time_to_collision",
         "min_time_to_departure",
+        "release_clearance",
     ],
 )
 def test_limits_are_positive(limit):
