@@ -84,11 +84,12 @@ def observe(
 ) -> NDArray[np.float32]:
     """The observation vector, [D].
 
-    Ego: speed / 15 m/s; sine of the heading error to the route; distances to the left and right
-    road edge / 10 m; offset to the middle of the nearest lane / 2 m; number of lanes to the right
-    minus to the left. Navigation: points of the nearest lane's middle ahead, in the ego frame
-    (x ahead / 50 m, y to the right / 20 m). Rays: clockwise from straight ahead, or sorted into
-    strips (:func:`route_view`). Speeds along rays are divided by 15 m/s.
+    Ego: speed / 15 m/s; 4 sin(heading error to the route); distances to the left and right road
+    edge / 4 m; offset to the middle of the nearest lane [m]; number of lanes to the right minus to
+    the left, halved. Navigation: points of the nearest lane's middle ahead (:func:`navigation`).
+    Rays: clockwise from straight ahead, or sorted into strips (:func:`route_view`). Speeds along
+    rays are divided by 15 m/s. What steering depends on is scaled to about one: with bearings and
+    offsets ten times smaller the same cloned mentor arrived in 23 of 50 scenarios, not in 29.
     """
     scenario = road.scenario
     s, d = float(road.route_s[0]), float(road.route_d[0])
@@ -100,10 +101,10 @@ def observe(
     out = np.empty(config.size, dtype=np.float32)
     out[:6] = (
         av.speed / 15.0,
-        np.sin(error),
-        (d + half) / 10.0,
-        (half - d) / 10.0,
-        (d - middle) / 2.0,
+        4.0 * np.sin(error),
+        (d + half) / 4.0,
+        (half - d) / 4.0,
+        d - middle,
         (lanes - 1 - 2 * lane) / 2.0,
     )
     x, y = av.position
@@ -145,14 +146,16 @@ def navigation(
         ahead: how far ahead along the route each point lies [m], [P].
 
     Returns:
-        Each point's distance ahead / 50 m and to the right / 20 m, [2 P].
+        For each point the share of its distance along the route that lies straight ahead, and four
+        times its bearing [rad], positive to the right; [2 P].
     """
     cos, sin = np.cos(heading), np.sin(heading)
     points = np.empty(2 * len(ahead))
     for k in range(len(ahead)):
         px, py, _ = interpolate(s + ahead[k], d, xs, ys, headings)
-        points[2 * k] = (cos * (px - x) + sin * (py - y)) / 50.0
-        points[2 * k + 1] = (-sin * (px - x) + cos * (py - y)) / 20.0
+        forward, right = cos * (px - x) + sin * (py - y), -sin * (px - x) + cos * (py - y)
+        points[2 * k] = forward / ahead[k]
+        points[2 * k + 1] = 4.0 * np.arctan2(right, forward)
     return points
 
 

@@ -1,6 +1,7 @@
 """Loss modules, one per term of HAIM-DRL, and the formulas that they stand on."""
 
 from haim_torchrl.objectives.actor import ActorLoss, WeightedCritic
+from haim_torchrl.objectives.anchor import CloningAnchorLoss
 from haim_torchrl.objectives.composite import HAIMLoss
 from haim_torchrl.objectives.cost import (
     CostCriticLoss,
@@ -28,6 +29,7 @@ from haim_torchrl.objectives.term import CriticTerm, LossTerm
 __all__ = [
     "ActorLoss",
     "BoundedPreferenceLoss",
+    "CloningAnchorLoss",
     "CostCriticLoss",
     "CriticTerm",
     "ExplicitInterventionLoss",

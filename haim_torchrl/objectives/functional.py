@@ -287,3 +287,18 @@ def _check_scalar(name: str, tensor: Tensor) -> None:
             f"{name} must hold one number per transition, shape [..., 1], got "
             f"{tuple(tensor.shape)}; add the last dimension with .unsqueeze(-1)."
         )
+
+
+def anchor_distance(action: Tensor, action_mentor: Tensor, intervention: Tensor) -> Tensor:
+    """Half the squared distance to the mentor's action, where the mentor drove.
+
+    Args:
+        action: of the policy, ``[..., A]``.
+        action_mentor: ``[..., A]``.
+        intervention: who drove, ``[..., 1]``.
+
+    Returns:
+        ``I * |a - a_mentor|^2 / 2``, ``[..., 1]``.
+    """
+    distance = 0.5 * (action - action_mentor).pow(2).sum(-1, keepdim=True)
+    return distance * intervention.to(distance.dtype)

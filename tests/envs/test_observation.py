@@ -44,29 +44,30 @@ def view(x, y, heading, hits, s, middle, path, reach=50.0, borders=(-1.0, 0.0, 1
 def test_the_ego_state_by_hand(empty_road):
     env = empty_road()
     put_av(env, 120.0, 2.5, heading=0.1, speed=7.5)
-    expected = [0.5, math.sin(0.1), 0.65, 0.15, 0.25, -0.5]
-    # speed / 15; heading error; 6.5 m and 1.5 m to the edges; 0.5 m right of the right lane's
-    # middle; one lane to the left.
+    expected = [0.5, 4 * math.sin(0.1), 1.625, 0.375, 0.5, -0.5]
+    # speed / 15; heading error; 6.5 m and 1.5 m to the edges, by 4; 0.5 m right of the right
+    # lane's middle; one lane to the left.
     assert seen(env)["ego"] == pytest.approx(expected, abs=1e-6)
     put_av(env, 120.0, -2.0)
-    assert seen(env)["ego"] == pytest.approx([0, 0, 0.2, 0.6, 0, 0.5], abs=1e-6)
+    assert seen(env)["ego"] == pytest.approx([0, 0, 0.5, 1.5, 0, 0.5], abs=1e-6)
 
 
 def test_beyond_the_edge_the_distance_is_negative(empty_road):
     env = empty_road()
     put_av(env, 120.0, 5.0)
-    assert seen(env)["ego"][3] == pytest.approx(-0.1)
+    assert seen(env)["ego"][3] == pytest.approx(-0.25)
 
 
 def test_navigation_is_in_the_ego_frame(empty_road):
     env = empty_road()
     put_av(env, 120.0, 2.0)
-    assert seen(env)["navigation"] == pytest.approx([0.1, 0.0, 0.4, 0.0])
+    assert seen(env)["navigation"] == pytest.approx([1.0, 0.0, 1.0, 0.0])
     put_av(env, 120.0, 1.0)  # the lane's middle is 1 m to the right
-    assert seen(env)["navigation"] == pytest.approx([0.1, 0.05, 0.4, 0.05])
+    assert seen(env)["navigation"] == pytest.approx(
+        [1.0, 4 * math.atan2(1, 5), 1.0, 4 * math.atan2(1, 20)], abs=1e-6
+    )
     put_av(env, 120.0, 2.0, heading=0.3)  # the road goes off to the left
-    ahead, right = 20 * math.cos(0.3) / 50, -20 * math.sin(0.3) / 20
-    assert seen(env)["navigation"][2:] == pytest.approx([ahead, right], abs=1e-6)
+    assert seen(env)["navigation"][2:] == pytest.approx([math.cos(0.3), -4 * 0.3], abs=1e-6)
 
 
 def test_rays_as_they_are(empty_road, put_vehicle):

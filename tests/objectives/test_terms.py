@@ -19,6 +19,7 @@ from haim_torchrl.modules import Temperature
 from haim_torchrl.objectives import (
     ActorLoss,
     BoundedPreferenceLoss,
+    CloningAnchorLoss,
     CostCriticLoss,
     ExplicitInterventionLoss,
     ImplicitInterventionLoss,
@@ -206,6 +207,22 @@ def test_temperature_loss_with_a_given_target(actor: ProbabilisticActor, batch: 
     term = TemperatureLoss(actor, temperature, target_entropy=0.2)
     expected = -temperature.log_alpha.detach() * (-0.7 + 0.2)
     torch.testing.assert_close(term(batch)["loss_temperature"].detach(), expected)
+
+
+def test_anchor_draws_to_the_mentor_where_it_drove(
+    actor: ProbabilisticActor, batch: TensorDict
+) -> None:
+    with torch.no_grad():
+        for parameter in actor.parameters():
+            parameter.fill_(1.0)
+    term = CloningAnchorLoss(actor, weight=3.0, reduction="none")
+    # The policy does 2 where the mentor did 1: 3 * (2 - 1)^2 / 2. It drove nowhere else.
+    loss = term(batch)["loss_anchor"]
+    torch.testing.assert_close(loss.detach(), torch.tensor([1.5, 0.0, 0.0]))
+    loss.sum().backward()
+    # d/dgain of 3 (gain s - 1)^2 / 2 at s = 2 is 3 (2 - 1) 2
+    gradient = sum(float(p.grad.sum()) for p in term.trained_parameters() if p.grad is not None)
+    assert gradient == pytest.approx(6.0)
 
 
 def test_n_step_batches_are_discounted_n_times(

@@ -194,14 +194,14 @@ def test_terms_that_name_the_same_critic_share_it() -> None:
 
 def test_a_term_of_ones_own_needs_only_settings() -> None:
     config = load(
-        "+loss.anchor.term._target_=haim_torchrl.objectives.BoundedPreferenceLoss",
-        "+loss.anchor.term._partial_=true",
-        "+loss.anchor.critic=own",
+        "+loss.extra.term._target_=haim_torchrl.objectives.BoundedPreferenceLoss",
+        "+loss.extra.term._partial_=true",
+        "+loss.extra.critic=own",
         "loss/preference=none",
     )
     actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
     loss = build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
-    assert "anchor" in loss.terms
+    assert "extra" in loss.terms
 
 
 @pytest.mark.parametrize(
