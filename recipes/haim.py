@@ -62,7 +62,13 @@ def train(config: DictConfig) -> Path:
     )
     average = PolicyAverage(actor, config.train.policy_average)
     batch_size = config.train.batch_size
-    replay = build(config.replay, batch_size=batch_size, keys=loss.in_keys, device=device)
+    replay = build(
+        config.replay,
+        batch_size=batch_size,
+        keys=loss.in_keys,
+        reflection=sizes.reflection,
+        device=device,
+    )
     collector = build(
         config.collector,
         world,

@@ -1,5 +1,6 @@
 """Storage of takeover data."""
 
+from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.data.replay import (
     TRANSITION_KEYS,
     TakeoverReplayBuffer,
@@ -9,6 +10,7 @@ from haim_torchrl.data.store import TransitionStore
 
 __all__ = [
     "TRANSITION_KEYS",
+    "Reflection",
     "TakeoverReplayBuffer",
     "TransitionStore",
     "make_replay_buffer",

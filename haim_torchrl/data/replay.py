@@ -10,6 +10,7 @@ import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 
+from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.data.store import TransitionStore
 
 Sampling = Literal["balanced", "uniform"]
@@ -52,11 +53,14 @@ class TakeoverReplayBuffer:
             default.
         keys: entries to keep, such as ``loss.in_keys``; everything else is dropped.
             ``TRANSITION_KEYS`` by default.
+        reflection: how transitions look in a mirror, if the world has a left-right symmetry.
+        mirrored: share of a batch's transitions that are mirrored, in [0, 1]; needs a reflection.
         intervention_key: entry that says who drove.
         device: where to keep the transitions.
 
     Raises:
-        ValueError: if a size is not positive, the sampling unknown or the share out of range.
+        ValueError: if a size is not positive, the sampling unknown, a share out of range, or
+            nobody said how the world looks in a mirror.
 
     Examples:
         >>> replay = TakeoverReplayBuffer(capacity=1000, batch_size=4)
@@ -84,6 +88,8 @@ class TakeoverReplayBuffer:
         share: float = 0.5,
         mentor_capacity: int | None = None,
         keys: Sequence[NestedKey] | None = None,
+        reflection: Reflection | None = None,
+        mirrored: float = 0.0,
         intervention_key: NestedKey = "intervention",
         device: torch.device | str = "cpu",
     ) -> None:
@@ -93,9 +99,18 @@ class TakeoverReplayBuffer:
             raise ValueError(f"sampling must be 'balanced' or 'uniform', got {sampling!r}.")
         if not 0.0 < share < 1.0:
             raise ValueError(f"share must lie in (0, 1), got {share}.")
+        if not 0.0 <= mirrored <= 1.0:
+            raise ValueError(f"mirrored must lie in [0, 1], got {mirrored}.")
+        if mirrored and reflection is None:
+            raise ValueError(
+                f"mirrored is {mirrored}, but this world does not say how it looks in a mirror; "
+                "set it to 0."
+            )
         self.batch_size = batch_size
         self.sampling = sampling
         self.share = share
+        self.reflection = reflection
+        self.mirrored = mirrored
         self.intervention_key = intervention_key
         self.free = TransitionStore(capacity, device=device)
         self.intervened = TransitionStore(
@@ -170,7 +185,10 @@ class TakeoverReplayBuffer:
             if split < size:
                 self.free.gather(key, free, out[split:])
             _set(batch, key, out)
-        return TensorDict(batch, batch_size=[size], device=self.free.device)
+        drawn = TensorDict(batch, batch_size=[size], device=self.free.device)
+        if self.reflection is not None and self.mirrored:
+            self.reflection(drawn, self.mirrored)
+        return drawn
 
     def empty(self) -> None:
         """Forgets all transitions."""
@@ -262,6 +280,8 @@ def make_replay_buffer(
     share: float = 0.5,
     mentor_capacity: int | None = None,
     keys: Sequence[NestedKey] | None = None,
+    reflection: Reflection | None = None,
+    mirrored: float = 0.0,
     device: torch.device | str = "cpu",
 ) -> TakeoverReplayBuffer:
     """Makes the replay buffer; see :class:`TakeoverReplayBuffer` for the arguments.
@@ -273,6 +293,8 @@ def make_replay_buffer(
         share: share of intervened transitions in a balanced batch.
         mentor_capacity: transitions that fit in the store of intervened ones.
         keys: entries to keep.
+        reflection: how transitions look in a mirror.
+        mirrored: share of a batch's transitions that are mirrored.
         device: where to keep them.
 
     Returns:
@@ -285,5 +307,7 @@ def make_replay_buffer(
         share=share,
         mentor_capacity=mentor_capacity,
         keys=keys,
+        reflection=reflection,
+        mirrored=mirrored,
         device=device,
     )

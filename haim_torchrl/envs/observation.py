@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from haim_torchrl.envs.blocks import lane_offset
+from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
 from haim_torchrl.envs.geometry import cast_rays
 from haim_torchrl.envs.path import Array, interpolate, project
 from haim_torchrl.envs.road import PlatoonRoad
@@ -74,6 +74,27 @@ class ObservationConfig:
         }
 
     @cached_property
+    def reflection(self) -> tuple[list[int], list[float]] | None:
+        """Where each number comes from in a mirrored scene, and with which sign; [D] each.
+
+        None if the strips are not the same on the left and on the right.
+        """
+        order, sign = np.arange(self.size), np.ones(self.size)
+        order[[2, 3]] = 3, 2  # the road's edges
+        sign[[1, 4, 5]] = -1.0  # heading error, offset, lanes to the right minus to the left
+        sign[self.layout["navigation"]][1::2] = -1.0  # bearings
+        for name in ("closeness", "distance", "relative_speed"):
+            if name in self.layout:
+                part = order[self.layout[name]]
+                part[1:] = part[1:][::-1].copy()  # all rays but the one straight ahead
+        if "strips" in self.layout:
+            if not np.allclose(self.strips, -np.array(self.strips[::-1])):
+                return None
+            strips = order[self.layout["strips"]].reshape(-1, 4)
+            strips[:] = strips[::-1].copy()
+        return order.tolist(), sign.tolist()
+
+    @cached_property
     def size(self) -> int:
         """Length of the observation vector."""
         return max(part.stop for part in self.layout.values())
@@ -119,7 +140,7 @@ def observe(
         near = route.part(start, s + config.reach)
         out[layout["strips"]] = route_view(
             x, y, heading, distance, rate, config.reach, s - start, middle,
-            near.x, near.y, near.heading, np.array(config.strips),
+            near.x, near.y, near.heading, half, np.array(config.strips),
         )  # fmt: skip
         return out
     share = distance / config.reach
@@ -162,12 +183,15 @@ def navigation(
 @njit(cache=True)
 def route_view(
     x: float, y: float, heading: float, distances: Array, rates: Array, reach: float,
-    s: float, middle: float, xs: Array, ys: Array, headings: Array, borders: Array,
+    s: float, middle: float, xs: Array, ys: Array, headings: Array, half_width: float,
+    borders: Array,
 ) -> Array:  # fmt: skip
     """What rays hit, sorted into strips along the route.
 
-    A pure function of the rays and the route ahead, so it knows nothing that the rays do not. The
-    network need not learn trigonometry to tell "in my lane, round the bend" from "beside me".
+    A pure function of the rays, the route ahead and the road's edges, so it knows nothing that the
+    paper's observation does not. The network need not learn trigonometry to tell "in my lane,
+    round the bend" from "beside me", and a lane that is not there looks like a full one: without
+    that a cloned mentor swerved off the road, to pass an obstacle on the wrong side.
 
     Args:
         x, y, heading: the AV.
@@ -175,11 +199,13 @@ def route_view(
         reach: their range [m].
         s, middle: the AV's arc length and its lane's offset on the route part [m].
         xs, ys, headings: the part of the route within reach.
+        half_width: from the route to the road's edges [m].
         borders: the strips' borders to the right of `middle` [m], [K + 1].
 
     Returns:
         For each strip, nearest hit ahead: closeness (1 - distance along the route / reach)² and
-        rate / 15 m/s; the same for the nearest hit behind; [4 K]. Zeros where nothing is hit.
+        rate / 15 m/s; the same for the nearest hit behind; [4 K]. Zeros where nothing is hit;
+        closeness 1 in strips whose middle is at most 4 m beyond an edge.
     """
     strips = len(borders) - 1
     out = np.zeros(4 * strips)
@@ -202,4 +228,8 @@ def route_view(
             nearest[slot] = abs(along)
             out[2 * slot] = (1 - abs(along) / reach) ** 2
             out[2 * slot + 1] = rates[ray] / 15.0
+    for strip in range(strips):
+        beyond = abs(middle + (borders[strip] + borders[strip + 1]) / 2) - half_width
+        if 0.0 < beyond <= LANE_WIDTH:
+            out[4 * strip] = out[4 * strip + 2] = 1.0
     return out

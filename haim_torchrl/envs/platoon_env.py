@@ -10,6 +10,7 @@ from gymnasium import spaces
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle.objects import RoadObject
 
+from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
 from haim_torchrl.envs.config import PlatoonConfig
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, HEADING, X, Y
@@ -76,6 +77,12 @@ class PlatoonEnv(AbstractEnv):
     def minimum_acceleration(self) -> float:
         """Strongest braking of the AV [m/s²], negative."""
         return command(np.array([-1.0, 0.0]))["acceleration"]
+
+    @property
+    def reflection(self) -> Reflection | None:
+        """What a mirror does to observations and actions; None if the strips are lopsided."""
+        mirrored = self.settings.observation.reflection
+        return None if mirrored is None else Reflection(*mirrored, action_sign=(1.0, -1.0))
 
     # Episodes.
     def reset(

@@ -18,6 +18,7 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.modules import ProbabilisticActor
 
+from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.evaluation.config import (
     ConfigError,
     ScenarioSet,
@@ -163,15 +164,21 @@ class Sizes:
     Attributes:
         observation: Size D of the observation.
         action: Size A of the action.
+        reflection: What a mirror does to both; None where the simulator has no such symmetry.
     """
 
     observation: int
     action: int
+    reflection: Reflection | None = None
 
     @classmethod
     def of(cls, env: EnvBase) -> Sizes:
         """Sizes of an environment."""
-        return cls(env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1])
+        return cls(
+            env.observation_spec["observation"].shape[-1],
+            env.action_spec.shape[-1],
+            getattr(simulator_of(env), "reflection", None),
+        )
 
     @classmethod
     def of_world(cls, world: World) -> Sizes:

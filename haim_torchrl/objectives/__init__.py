@@ -17,6 +17,7 @@ from haim_torchrl.objectives.optimization import (
 )
 from haim_torchrl.objectives.preference import (
     BoundedPreferenceLoss,
+    ConservativePreferenceLoss,
     LinearPreferenceLoss,
     PreferenceTerm,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "ActorLoss",
     "BoundedPreferenceLoss",
     "CloningAnchorLoss",
+    "ConservativePreferenceLoss",
     "CostCriticLoss",
     "CriticTerm",
     "ExplicitInterventionLoss",

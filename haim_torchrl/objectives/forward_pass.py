@@ -98,6 +98,19 @@ class ForwardPass:
 
         return self._once(("stored", id(critic.network), key), values)
 
+    def values(self, critic: CriticFunction, params: TensorDictParams, action: Tensor) -> Tensor:
+        """Values of an action, with gradient to the critic and to the action.
+
+        Args:
+            critic: the critic.
+            params: its parameters.
+            action: ``[..., A]``.
+
+        Returns:
+            Values, ``[..., E]``.
+        """
+        return critic.values(params, self._embedding(critic, params), action)
+
     def fresh_values(
         self, critic: CriticFunction, params: TensorDictParams, action: Tensor
     ) -> Tensor:

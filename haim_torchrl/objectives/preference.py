@@ -6,13 +6,15 @@ import abc
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
 from tensordict import NestedKey
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, TensorDictParams
 from torch import Tensor
+from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.objectives import functional
 from haim_torchrl.objectives.forward_pass import ForwardPass
-from haim_torchrl.objectives.term import CriticTerm
+from haim_torchrl.objectives.term import CriticTerm, policy_function
 
 
 class PreferenceTerm(CriticTerm):
@@ -63,6 +65,12 @@ class PreferenceTerm(CriticTerm):
     ) -> Tensor:
         """The term of each transition without its weight, ``[..., 1]``."""
 
+    def rejected_values(self, batch: ForwardPass) -> Tensor:
+        """Values of the action that the mentor's one is preferred to, ``[..., E]``."""
+        return batch.stored_values(
+            self.critic, self.critic_network_params, self.tensor_keys.action_agent
+        )
+
     def evaluate(self, batch: ForwardPass) -> dict[str, Tensor]:
         """Computes the loss and the diagnostics.
 
@@ -73,12 +81,14 @@ class PreferenceTerm(CriticTerm):
             Loss, share of intervened transitions, mean of Q(mentor) − Q(agent) over them.
         """
         params, keys = self.critic_network_params, self.tensor_keys
-        values_agent = batch.stored_values(self.critic, params, keys.action_agent)
+        values_agent = self.rejected_values(batch)
         values_mentor = batch.stored_values(self.critic, params, keys.action_mentor)
         intervention = batch.read(keys.intervention)
         loss = self.weight * self.preference(values_agent, values_mentor, intervention)
         count = intervention.sum()
-        gap = (values_mentor.detach() - values_agent.detach()).mean(-1, keepdim=True)
+        gap = values_mentor.detach().mean(-1, keepdim=True) - values_agent.detach().mean(
+            -1, keepdim=True
+        )
         margin = gap.masked_fill(~intervention, 0.0).sum() / count.clamp_min(1)
         numbers = (count / intervention.numel(), margin)
         return {
@@ -167,3 +177,54 @@ class BoundedPreferenceLoss(PreferenceTerm):
     def _average(self, loss: Tensor, intervention: Tensor, batch: ForwardPass) -> Tensor:
         mask = intervention if self.reduction == "mean" else None
         return self._reduce(loss, batch, mask=mask)
+
+
+class ConservativePreferenceLoss(BoundedPreferenceLoss):
+    r"""Bounded preference over what the policy would do now, as in conservative Q-learning.
+
+    The rejected action is half the stored proposal and half a fresh draw of the policy at the
+    same state. Labels at two stored actions say nothing about the actions beyond them, and a
+    policy that climbs the values overshoots the mentor's action; here whatever the policy prefers
+    to the mentor's action is pushed down, until it prefers nothing to it. (The critic is then the
+    discriminator of a least-squares adversarial imitation on the mentor's states.)
+
+    Args:
+        actor_network: the agent's policy; this term does not train it.
+        critic_network: the proxy critic.
+        weight: weight of the term.
+        bound: label of a preferred action; a rejected one has ``-bound``.
+        reduction: ``"mean"``, ``"sum"`` or ``"none"``.
+    """
+
+    actor_network: TensorDictModule
+    actor_network_params: TensorDictParams
+    target_actor_network_params: TensorDictParams
+
+    def __init__(
+        self,
+        actor_network: ProbabilisticActor,
+        critic_network: TensorDictModule,
+        *,
+        weight: float = 1.0,
+        bound: float = 1.0,
+        reduction: str | None = None,
+    ) -> None:
+        super().__init__(critic_network, weight=weight, bound=bound, reduction=reduction)
+        self.convert_to_functional(actor_network, "actor_network")
+        self._policy = policy_function(self)
+
+    def preference(
+        self, values_agent: Tensor, values_mentor: Tensor, intervention: Tensor
+    ) -> Tensor:
+        """Mean of PVP's term over both rejected actions, ``[..., 1]``."""
+        stored, fresh = values_agent.chunk(2, -1)
+        old = super().preference(stored, values_mentor, intervention)
+        new = super().preference(fresh, values_mentor, intervention)
+        return 0.5 * (old + new)
+
+    def rejected_values(self, batch: ForwardPass) -> Tensor:
+        """Values of the stored proposal and of a fresh one, ``[..., 2 E]``."""
+        action, _ = batch.fresh_action(self._policy, self.actor_network_params)
+        params = self.critic_network_params
+        fresh = batch.values(self.critic, params, action.detach())
+        return torch.cat([super().rejected_values(batch), fresh], -1)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import torch
 
 from haim_torchrl.envs import ObservationConfig
 from haim_torchrl.envs.observation import observe, route_view
@@ -29,14 +30,14 @@ def put_av(env, x: float, y: float, heading: float = 0.0, speed: float = 0.0) ->
     env.road.refresh()
 
 
-def view(x, y, heading, hits, s, middle, path, reach=50.0, borders=(-1.0, 0.0, 1.0)):
+def view(x, y, heading, hits, s, middle, path, reach=50.0, borders=(-1.0, 0.0, 1.0), half=4.0):
     """`route_view` of single rays given as angle (in degrees), distance and rate."""
     distances, rates = np.full(360, reach), np.zeros(360)
     for angle, distance, rate in hits:
         distances[angle], rates[angle] = distance, rate
     out = route_view(
         x, y, heading, distances, rates, reach, s, middle,
-        path.x, path.y, path.heading, np.array(borders),
+        path.x, path.y, path.heading, half, np.array(borders),
     )  # fmt: skip
     return out.reshape(len(borders) - 1, 4)
 
@@ -124,6 +125,39 @@ def test_a_vehicle_round_the_bend_is_in_the_own_lane():
     strips = view(50.0, 0.0, 0.0, [(ray, far, 0.0)], 50.0, 0.0, path, borders=(-1.5, 1.5))
     assert strips[0, 0] == pytest.approx((1 - 30 / 50) ** 2, abs=0.02)
     assert angle > 25  # a straight look would have put it 15 m to the side
+
+
+def test_a_lane_that_is_not_there_looks_like_a_full_one():
+    path = draw([Piece(200.0)])
+    # In the right one of two lanes (its middle is 2 m right of the route, the edge 4 m): on the
+    # right nothing can be driven on for 4 m; two lanes to the left the road ends, too.
+    borders = (-10.0, -6.0, -2.0, 2.0, 6.0, 10.0)
+    strips = view(100.0, 2.0, 0.0, [], 100.0, 2.0, path, borders=borders, half=4.0)
+    assert strips[:, 0].tolist() == strips[:, 2].tolist() == [1.0, 0.0, 0.0, 1.0, 0.0]
+    assert (strips[:, [1, 3]] == 0).all()
+
+
+@pytest.mark.parametrize("settings", [{"view": "route"}, {"view": "rays"}, {"closeness": False}])
+def test_a_mirrored_scene_looks_like_the_reflection_says(empty_road, put_vehicle, settings):
+    # The followers are out of sight; no side of a vehicle lies on a border of two strips.
+    settings = {"reach": 20.0, "strips": (-6.5, -2.5, -1.5, 0.0, 1.5, 2.5, 6.5), **settings}
+    config = ObservationConfig(**settings)
+    looks = []
+    for side, lane in ((1, 0), (-1, 1)):
+        env = empty_road(observation=settings)
+        put_vehicle(env, 15.0, lane=lane, speed=3.0)
+        put_vehicle(env, -4.0, lane=1 - lane)
+        put_av(env, 120.0, 1.3 * side, heading=0.2 * side, speed=6.0)
+        looks.append(torch.from_numpy(observe(env.road, env.vehicle, config)))
+    mirror = env.reflection.observation
+    assert not torch.allclose(looks[0], looks[1], atol=0.1)
+    torch.testing.assert_close(mirror(looks[0]), looks[1], atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(mirror(looks[1]), looks[0], atol=1e-5, rtol=1e-5)
+
+
+def test_lopsided_strips_have_no_reflection(empty_road):
+    env = empty_road(observation={"strips": (-2.0, 0.0, 5.0)})
+    assert env.reflection is None
 
 
 def test_hits_outside_all_strips_are_left_out():

@@ -20,6 +20,7 @@ from haim_torchrl.objectives import (
     ActorLoss,
     BoundedPreferenceLoss,
     CloningAnchorLoss,
+    ConservativePreferenceLoss,
     CostCriticLoss,
     ExplicitInterventionLoss,
     ImplicitInterventionLoss,
@@ -133,6 +134,21 @@ def test_bounded_preference_averages_over_interventions(
     result = BoundedPreferenceLoss(make_linear_critic(*TWINS))(batch)
     # ((4 - 1)^2 + (5 - 1)^2 + (0 + 1)^2 + (7 + 1)^2) / 2
     torch.testing.assert_close(result["loss_preference"], torch.tensor(45.0))
+
+
+def test_conservative_preference_rejects_what_the_policy_would_do_now_too(
+    actor: ProbabilisticActor, make_linear_critic: MakeCritic, batch: TensorDict
+) -> None:
+    critic = make_linear_critic(*TWINS)
+    result = ConservativePreferenceLoss(actor, critic)(batch)
+    # Half of it as the bounded one, 45. For the other half the fresh action is 0.5 s = 1, which is
+    # the mentor's own: ((4 - 1)^2 + (5 - 1)^2 + (4 + 1)^2 + (5 + 1)^2) / 2 = 43.
+    torch.testing.assert_close(result["loss_preference"], torch.tensor(44.0))
+    # Mentor: mean 4.5; rejected: (0 + 7 + 4 + 5) / 4.
+    torch.testing.assert_close(result["preference_margin"], torch.tensor(0.5))
+    result["loss_preference"].backward()
+    assert all(parameter.grad is None for parameter in actor.parameters())
+    assert critic.module.weight.grad.abs().sum() > 0
 
 
 @pytest.mark.parametrize("kind", [LinearPreferenceLoss, BoundedPreferenceLoss])
