@@ -31,7 +31,8 @@ def clone(config: DictConfig) -> Path:
     device = prepare(config)
     settings = config.clone
     world = World.of(config, "train", takeovers=False)
-    actor = build_actor(config, Sizes.of_world(world), device)
+    sizes = Sizes.of_world(world)
+    actor = build_actor(config, sizes, device)
     steps = settings.steps
     if settings.like is not None:
         path = find_checkpoint(settings.like, ("last.pt",))
@@ -59,7 +60,10 @@ def clone(config: DictConfig) -> Path:
     with ProgressLine(settings.updates, unit="updates") as progress:
         for update in range(1, settings.updates + 1):
             rows = torch.randint(len(data), (settings.batch_size,), device=device)
-            losses = loss(data[rows])
+            batch = data[rows]
+            if sizes.reflection is not None and settings.mirrored:
+                sizes.reflection(batch, settings.mirrored)
+            losses = loss(batch)
             check_finite(losses)
             optimizer.zero_grad()
             losses["loss_bc"].backward()

@@ -60,7 +60,7 @@ def train(config: DictConfig) -> Path:
         loss.make_target_updater(config.loss.tau),
         max_grad_norm=config.train.max_grad_norm,
     )
-    average = PolicyAverage(actor, config.train.policy_average)
+    average = PolicyAverage(actor, config.train.policy_average)  # drives, while the actor learns
     batch_size = config.train.batch_size
     replay = build(
         config.replay,
@@ -72,7 +72,7 @@ def train(config: DictConfig) -> Path:
     collector = build(
         config.collector,
         world,
-        actor,
+        average.actor,
         total_frames=config.total_frames,
         seed=config.seed,
     )

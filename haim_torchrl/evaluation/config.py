@@ -147,6 +147,8 @@ class CloneConfig:
         like: Folder of a run whose number of mentor-driven steps is recorded instead, or null.
         updates: Gradient steps.
         batch_size: Steps in one.
+        mirrored: Share of them seen with left and right exchanged, where the world has that
+            symmetry.
         lr: Learning rate.
         loss_function: ``l2`` on the deterministic action, or ``nll`` for its negative log-density.
         validate_every: Gradient steps between validations; the best is kept.
@@ -156,6 +158,7 @@ class CloneConfig:
     like: str | None = None
     updates: int = 10_000
     batch_size: int = 256
+    mirrored: float = 0.5
     lr: float = 3e-4
     loss_function: str = "l2"
     validate_every: int = 2500

@@ -12,8 +12,8 @@ class PolicyAverage:
     """Exponential moving average of a policy's parameters.
 
     A policy that follows critics which still move drives well at one checkpoint and badly at the
-    next. Its average over the last updates is what is validated, kept and evaluated; the policy
-    itself collects.
+    next. Its average over the last updates is what drives: it proposes actions in training, and is
+    validated, kept and evaluated.
 
     Args:
         actor: The policy that is trained.
