@@ -66,10 +66,12 @@ class Reflection:
             The batch.
         """
         chosen = torch.rand(len(batch), 1, device=batch.device) < share
-        names = [(key, self.observation) for key in self.observation_keys]
-        names += [(key, self.action) for key in self.action_keys]
-        for key, mirrored in names:
-            value = batch.get(key, default=None)
-            if value is not None:
-                batch.set(key, torch.where(chosen, mirrored(value), value))
+        for keys, mirrored in (
+            (self.observation_keys, self.observation),
+            (self.action_keys, self.action),
+        ):
+            for key in keys:
+                value = batch.get(key, default=None)
+                if value is not None:
+                    batch.set(key, torch.where(chosen, mirrored(value), value))
         return batch

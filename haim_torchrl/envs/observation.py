@@ -228,8 +228,8 @@ def route_view(
             nearest[slot] = abs(along)
             out[2 * slot] = (1 - abs(along) / reach) ** 2
             out[2 * slot + 1] = rates[ray] / 15.0
-    for strip in range(strips):
-        beyond = abs(middle + (borders[strip] + borders[strip + 1]) / 2) - half_width
+    for k in range(strips):
+        beyond = abs((borders[k] + borders[k + 1]) / 2 + middle) - half_width
         if 0.0 < beyond <= LANE_WIDTH:
-            out[4 * strip] = out[4 * strip + 2] = 1.0
+            out[4 * k] = out[4 * k + 2] = 1.0
     return out

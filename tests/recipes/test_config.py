@@ -16,6 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 
+from haim_torchrl.data import Reflection
 from haim_torchrl.envs import PlatoonConfig
 from haim_torchrl.evaluation.assembly import Sizes, World, build, build_actor, build_loss
 from haim_torchrl.evaluation.command import register
@@ -213,7 +214,8 @@ def test_every_member_can_be_built(group: str) -> None:
         if group in ("switch", "mentor"):
             assert build(config[group]) is not None
         elif group == "replay":
-            assert len(build(config.replay, batch_size=4)) == 0
+            mirror = Reflection((1, 0), (1.0, 1.0), (1.0, -1.0))
+            assert len(build(config.replay, batch_size=4, reflection=mirror)) == 0
         elif group == "optimizer":
             actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
             loss = build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
