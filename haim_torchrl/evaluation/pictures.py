@@ -142,7 +142,7 @@ def top_view(episode: Episode, path: str | os.PathLike[str], scenes: int = 4) ->
         ylabel="y [m]",
     )
     axes.set_title(_describe(episode), fontsize=9, loc="left")
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, bbox_inches="tight")
     return Path(path)
 
 

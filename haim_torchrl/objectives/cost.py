@@ -135,6 +135,9 @@ class ExplicitInterventionLoss(CostCriticLoss):
 class ImplicitInterventionLoss(CostCriticLoss):
     """Q^IM: how much a proposal will disturb the following traffic (eq 22).
 
+    A proposal that the mentor replaced was never seen to disturb anybody, and its cost of 0 says
+    nothing about it: ``intervened=False`` leaves these steps out.
+
     Args:
         actor_network: the agent's policy.
         critic_network: reads observations and an action, writes ``[..., E]`` values.
@@ -142,12 +145,14 @@ class ImplicitInterventionLoss(CostCriticLoss):
         actor_weight: −φ of eq 25.
         actor_reduction: see :class:`CostCriticLoss`.
         target_reduction: see :class:`CostCriticLoss`.
+        intervened: whether the critic is regressed on the mentor's steps, too, as eq 22 has it.
         reduction: ``"mean"``, ``"sum"`` or ``"none"``.
     """
 
     @dataclass
     class _AcceptedKeys(CostCriticLoss._AcceptedKeys):
         cost: NestedKey = "disturbance_cost"
+        intervention: NestedKey = "intervention"
         priority: NestedKey = "implicit_td_error"
 
     default_keys = _AcceptedKeys
@@ -161,6 +166,7 @@ class ImplicitInterventionLoss(CostCriticLoss):
         actor_weight: float = -1.0,
         actor_reduction: Reduction = "max",
         target_reduction: Reduction = "max",
+        intervened: bool = True,
         reduction: str | None = None,
     ) -> None:
         super().__init__(
@@ -172,3 +178,13 @@ class ImplicitInterventionLoss(CostCriticLoss):
             target_reduction=target_reduction,
             reduction=reduction,
         )
+        self.intervened = intervened
+
+    def counted(self, batch: ForwardPass) -> Tensor | None:
+        """The agent's own steps, unless the mentor's count, too."""
+        return None if self.intervened else ~batch.read(self.tensor_keys.intervention)
+
+    def reads(self) -> Sequence[NestedKey]:
+        """What the base reads, and who drove."""
+        keys = [] if self.intervened else [self.tensor_keys.intervention]
+        return [*super().reads(), *keys]

@@ -107,6 +107,10 @@ class TemporalDifferenceTerm(CriticTerm):
             Target, ``[..., 1]``.
         """
 
+    def counted(self, batch: ForwardPass) -> Tensor | None:
+        """Which transitions the critic is regressed on, bool ``[..., 1]``; None: on all."""
+        return None
+
     def evaluate(self, batch: ForwardPass) -> dict[str, Tensor]:
         """Computes the loss and the diagnostics.
 
@@ -121,14 +125,18 @@ class TemporalDifferenceTerm(CriticTerm):
         action, log_prob = batch.next_action(self._policy, self.actor_network_params)
         next_values = batch.next_values(self.critic, self.target_critic_network_params, action)
         target = self.target(batch, next_values, log_prob, self._discount(batch)).detach()
-        loss = functional.td_loss(values, target)
+        loss, counted = functional.td_loss(values, target), self.counted(batch)
+        if counted is not None:
+            loss = loss.masked_fill(~counted, 0.0)
         error = (values.detach() - target).abs().amax(-1)
         self._write_priority(batch.tensordict, error)
         values = values.detach()
         size = values.abs()
         numbers = (values.mean(), size.mean(), size.amax(), error.mean())
         return {
-            self.loss_name: self._reduce(loss, batch),
+            self.loss_name: self._reduce(
+                loss, batch, mask=counted if self.reduction == "mean" else None
+            ),
             **dict(zip(self.diagnostics, numbers)),
         }
 

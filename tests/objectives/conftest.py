@@ -16,10 +16,12 @@ from torchrl.modules import ProbabilisticActor
 from haim_torchrl.modules import Temperature, make_actor, make_critic
 from haim_torchrl.objectives import (
     ActorLoss,
+    ConservativePreferenceLoss,
     ExplicitInterventionLoss,
     HAIMLoss,
     ImplicitInterventionLoss,
     LinearPreferenceLoss,
+    LossTerm,
     ProxyQLoss,
     TargetUpdater,
     TemperatureLoss,
@@ -165,15 +167,18 @@ def random_batch(size: int = 8, observation_dim: int = 5, action_dim: int = 2) -
     )
 
 
-def make_method(**options: str) -> Method:
+def make_method(conservative: bool = False, **options: str) -> Method:
     torch.manual_seed(0)
     actor = make_actor(5, 2, hidden=(16, 16))
     critics = {n: make_critic(5, 2, hidden=(16, 16)) for n in ("proxy", "explicit", "implicit")}
     temperature = Temperature()
+    preference: LossTerm = LinearPreferenceLoss(critics["proxy"], **options)
+    if conservative:
+        preference = ConservativePreferenceLoss(actor, critics["proxy"], **options)
     loss = HAIMLoss(
         {
             "proxy": ProxyQLoss(actor, critics["proxy"], temperature, **options),
-            "preference": LinearPreferenceLoss(critics["proxy"], **options),
+            "preference": preference,
             "explicit": ExplicitInterventionLoss(actor, critics["explicit"], **options),
             "implicit": ImplicitInterventionLoss(actor, critics["implicit"], **options),
             "temperature": TemperatureLoss(actor, temperature, **options),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -30,7 +31,11 @@ def losses(result: Any) -> dict[str, torch.Tensor]:
     return {name: value for name, value in result.items() if name.startswith("loss_")}
 
 
-def test_each_loss_reaches_its_own_parameters_only(method: Any) -> None:
+@pytest.mark.parametrize("conservative", [False, True])
+def test_each_loss_reaches_its_own_parameters_only(
+    method_factory: Callable[..., Any], conservative: bool
+) -> None:
+    method = method_factory(conservative=conservative)
     result = method.loss(method.batch)
     assert set(losses(result)) == set(GRADIENT_MAP)
     owners = method.parameters()
@@ -46,7 +51,11 @@ def test_each_loss_reaches_its_own_parameters_only(method: Any) -> None:
         assert all(all(touched[owner]) for owner in GRADIENT_MAP[name])
 
 
-def test_trained_parameters_tell_the_truth(method: Any) -> None:
+@pytest.mark.parametrize("conservative", [False, True])
+def test_trained_parameters_tell_the_truth(
+    method_factory: Callable[..., Any], conservative: bool
+) -> None:
+    method = method_factory(conservative=conservative)
     result = method.loss(method.batch)
     for _, term in method.loss.named_terms():
         trained = {id(p) for p in term.trained_parameters()}
