@@ -136,6 +136,27 @@ def test_bounded_preference_averages_over_interventions(
     torch.testing.assert_close(result["loss_preference"], torch.tensor(45.0))
 
 
+@pytest.mark.parametrize(
+    ("reduction", "expected"), [("none", (0.0, 7.25, 182.8125)), ("mean", 95.03125)]
+)
+def test_the_disturbance_critic_can_leave_out_the_mentors_steps(
+    reduction: str,
+    expected: float | tuple[float, ...],
+    actor: ProbabilisticActor,
+    make_linear_critic: MakeCritic,
+    batch: TensorDict,
+) -> None:
+    term = ImplicitInterventionLoss(
+        actor, make_linear_critic(*TWINS), intervened=False, reduction=reduction
+    )
+    term.make_value_estimator(gamma=0.9)
+    # As above without the first: ((-1 - 0.5)^2 + (4 - 0.5)^2) / 2 and, with the target
+    # 0.25 + 13.5, ((1 - 13.75)^2 + (-0.5 - 13.75)^2) / 2.
+    loss = evaluate(term, batch)["loss_implicit"]
+    torch.testing.assert_close(loss.squeeze(), torch.tensor(expected))
+    assert "intervention" in term.in_keys
+
+
 def test_conservative_preference_rejects_what_the_policy_would_do_now_too(
     actor: ProbabilisticActor, make_linear_critic: MakeCritic, batch: TensorDict
 ) -> None:
