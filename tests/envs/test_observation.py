@@ -151,8 +151,15 @@ def test_a_mirrored_scene_looks_like_the_reflection_says(empty_road, put_vehicle
         looks.append(torch.from_numpy(observe(env.road, env.vehicle, config)))
     mirror = env.reflection.observation
     assert not torch.allclose(looks[0], looks[1], atol=0.1)
-    torch.testing.assert_close(mirror(looks[0]), looks[1], atol=1e-5, rtol=1e-5)
-    torch.testing.assert_close(mirror(looks[1]), looks[0], atol=1e-5, rtol=1e-5)
+    # Of the hits on a flat rear, all equally near, the first ray's counts: its rate along the ray
+    # depends on the sense of rotation.
+    rates = np.zeros(config.size, dtype=bool)
+    if "strips" in config.layout:
+        rates[config.layout["strips"]][1::2] = True
+    for one, other in (looks, looks[::-1]):
+        difference = (mirror(one) - other).abs().numpy()
+        assert difference[~rates].max() < 1e-5
+        assert difference[rates].max(initial=0.0) < 0.05
 
 
 def test_lopsided_strips_have_no_reflection(empty_road):
