@@ -46,8 +46,8 @@ class TrainConfig:
         batch_size: Transitions in an update.
         updates_per_step: Updates per environment step; 0.5 is one update every other step.
         learning_starts: Steps before the first update.
-        policy_average: Share that the average of the policy keeps at each update; the average is
-            what is validated and kept. 0 keeps the policy of the moment.
+        policy_average: Share that the average of the policy keeps at each update; the average
+            drives in training, and is validated and kept. 0 keeps the policy of the moment.
         max_grad_norm: Bound of the gradient's norm over all parameters; null for none.
         log_every: Steps between rows of ``train.csv``.
         checkpoint_every: Steps between checkpoints; the environments are reset at each, so that a

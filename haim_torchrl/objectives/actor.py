@@ -139,7 +139,7 @@ class ActorLoss(LossTerm):
         means: dict[str, Tensor] = {}
         for name, (_, reduction) in self._readings.items():
             params = self._modules[f"{name}_critic_params"]
-            values = batch.fresh_values(self.critic(name), params, action)
+            values = batch.values(self.critic(name), params, action, detach=True)
             value = functional.reduce_ensemble(values, reduction)
             weighted.append((self._buffers[f"weight_{name}"], value))
             means[f"actor_{name}"] = value.detach().mean()

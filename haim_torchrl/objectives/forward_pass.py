@@ -98,33 +98,26 @@ class ForwardPass:
 
         return self._once(("stored", id(critic.network), key), values)
 
-    def values(self, critic: CriticFunction, params: TensorDictParams, action: Tensor) -> Tensor:
-        """Values of an action, with gradient to the critic and to the action.
-
-        Args:
-            critic: the critic.
-            params: its parameters.
-            action: ``[..., A]``.
-
-        Returns:
-            Values, ``[..., E]``.
-        """
-        return critic.values(params, self._embedding(critic, params), action)
-
-    def fresh_values(
-        self, critic: CriticFunction, params: TensorDictParams, action: Tensor
+    def values(
+        self,
+        critic: CriticFunction,
+        params: TensorDictParams,
+        action: Tensor,
+        *,
+        detach: bool = False,
     ) -> Tensor:
-        """Values of an action, with gradient to the action and none to the critic.
+        """Values of an action at the stored states, with gradient to the action.
 
         Args:
             critic: the critic.
             params: its parameters.
             action: ``[..., A]``.
+            detach: whether to keep the gradient from the critic.
 
         Returns:
             Values, ``[..., E]``.
         """
-        return critic.values(params, self._embedding(critic, params), action, detach=True)
+        return critic.values(params, self._embedding(critic, params), action, detach=detach)
 
     def next_values(
         self, critic: CriticFunction, params: TensorDictParams, action: Tensor

@@ -281,24 +281,27 @@ def temperature_loss(log_alpha: Tensor, log_prob: Tensor, target_entropy: float)
     return -log_alpha * (log_prob.detach() + target_entropy)
 
 
+def anchor_distance(action: Tensor, action_mentor: Tensor, intervention: Tensor) -> Tensor:
+    """Half the squared distance to the mentor's action, where the mentor drove.
+
+    Not in the paper: behaviour cloning of the intervened transitions.
+
+    Args:
+        action: of the policy, ``[..., A]``.
+        action_mentor: ``[..., A]``.
+        intervention: whether the mentor drove, bool, ``[..., 1]``.
+
+    Returns:
+        ``I * |a - a_mentor|^2 / 2``, ``[..., 1]``.
+    """
+    _check_scalar("intervention", intervention)
+    distance = 0.5 * (action - action_mentor).square().sum(-1, keepdim=True)
+    return distance.masked_fill(~intervention, 0.0)
+
+
 def _check_scalar(name: str, tensor: Tensor) -> None:
     if tensor.ndim == 0 or tensor.shape[-1] != 1:
         raise ValueError(
             f"{name} must hold one number per transition, shape [..., 1], got "
             f"{tuple(tensor.shape)}; add the last dimension with .unsqueeze(-1)."
         )
-
-
-def anchor_distance(action: Tensor, action_mentor: Tensor, intervention: Tensor) -> Tensor:
-    """Half the squared distance to the mentor's action, where the mentor drove.
-
-    Args:
-        action: of the policy, ``[..., A]``.
-        action_mentor: ``[..., A]``.
-        intervention: who drove, ``[..., 1]``.
-
-    Returns:
-        ``I * |a - a_mentor|^2 / 2``, ``[..., 1]``.
-    """
-    distance = 0.5 * (action - action_mentor).pow(2).sum(-1, keepdim=True)
-    return distance * intervention.to(distance.dtype)

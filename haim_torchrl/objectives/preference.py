@@ -1,4 +1,4 @@
-"""Preference of the mentor's action over the one that it replaced: linear and bounded."""
+"""Preference of the mentor's action over what it replaced: linear, bounded, conservative."""
 
 from __future__ import annotations
 
@@ -65,11 +65,10 @@ class PreferenceTerm(CriticTerm):
     ) -> Tensor:
         """The term of each transition without its weight, ``[..., 1]``."""
 
-    def rejected_values(self, batch: ForwardPass) -> Tensor:
-        """Values of the action that the mentor's one is preferred to, ``[..., E]``."""
-        return batch.stored_values(
-            self.critic, self.critic_network_params, self.tensor_keys.action_agent
-        )
+    def rejected_values(self, batch: ForwardPass) -> list[Tensor]:
+        """Values of each action that the mentor's one is preferred to, ``[..., E]`` each."""
+        params = self.critic_network_params
+        return [batch.stored_values(self.critic, params, self.tensor_keys.action_agent)]
 
     def evaluate(self, batch: ForwardPass) -> dict[str, Tensor]:
         """Computes the loss and the diagnostics.
@@ -81,14 +80,14 @@ class PreferenceTerm(CriticTerm):
             Loss, share of intervened transitions, mean of Q(mentor) − Q(agent) over them.
         """
         params, keys = self.critic_network_params, self.tensor_keys
-        values_agent = self.rejected_values(batch)
+        rejected = self.rejected_values(batch)
         values_mentor = batch.stored_values(self.critic, params, keys.action_mentor)
         intervention = batch.read(keys.intervention)
-        loss = self.weight * self.preference(values_agent, values_mentor, intervention)
+        terms = [self.preference(values, values_mentor, intervention) for values in rejected]
+        loss = self.weight * torch.stack(terms).mean(0)
         count = intervention.sum()
-        gap = values_mentor.detach().mean(-1, keepdim=True) - values_agent.detach().mean(
-            -1, keepdim=True
-        )
+        values_rejected = torch.stack(rejected).mean(0)
+        gap = (values_mentor - values_rejected).detach().mean(-1, keepdim=True)
         margin = gap.masked_fill(~intervention, 0.0).sum() / count.clamp_min(1)
         numbers = (count / intervention.numel(), margin)
         return {
@@ -175,8 +174,7 @@ class BoundedPreferenceLoss(PreferenceTerm):
         )
 
     def _average(self, loss: Tensor, intervention: Tensor, batch: ForwardPass) -> Tensor:
-        mask = intervention if self.reduction == "mean" else None
-        return self._reduce(loss, batch, mask=mask)
+        return self._reduce(loss, batch, mask=intervention)
 
 
 class ConservativePreferenceLoss(BoundedPreferenceLoss):
@@ -213,18 +211,11 @@ class ConservativePreferenceLoss(BoundedPreferenceLoss):
         self.convert_to_functional(actor_network, "actor_network")
         self._policy = policy_function(self)
 
-    def preference(
-        self, values_agent: Tensor, values_mentor: Tensor, intervention: Tensor
-    ) -> Tensor:
-        """Mean of PVP's term over both rejected actions, ``[..., 1]``."""
-        stored, fresh = values_agent.chunk(2, -1)
-        old = super().preference(stored, values_mentor, intervention)
-        new = super().preference(fresh, values_mentor, intervention)
-        return 0.5 * (old + new)
-
-    def rejected_values(self, batch: ForwardPass) -> Tensor:
-        """Values of the stored proposal and of a fresh one, ``[..., 2 E]``."""
+    def rejected_values(self, batch: ForwardPass) -> list[Tensor]:
+        """Values of the stored proposal and of a fresh one, ``[..., E]`` each."""
         action, _ = batch.fresh_action(self._policy, self.actor_network_params)
         params = self.critic_network_params
-        fresh = batch.values(self.critic, params, action.detach())
-        return torch.cat([super().rejected_values(batch), fresh], -1)
+        return [
+            *super().rejected_values(batch),
+            batch.values(self.critic, params, action.detach()),
+        ]

@@ -134,9 +134,7 @@ class TemporalDifferenceTerm(CriticTerm):
         size = values.abs()
         numbers = (values.mean(), size.mean(), size.amax(), error.mean())
         return {
-            self.loss_name: self._reduce(
-                loss, batch, mask=counted if self.reduction == "mean" else None
-            ),
+            self.loss_name: self._reduce(loss, batch, mask=counted),
             **dict(zip(self.diagnostics, numbers)),
         }
 

@@ -154,8 +154,12 @@ class LossTerm(LossModule):
                 self._modules[name].data.update_(self._modules[name[len("target_") :]].data)
 
     def _reduce(self, loss: Tensor, batch: ForwardPass, *, mask: Tensor | None = None) -> Tensor:
-        """Reduces ``[..., 1]``, honouring masks and priority weights found in the batch."""
+        """Reduces ``[..., 1]``, honouring masks and priority weights found in the batch.
+
+        A mean is taken over ``mask`` alone; outside of it the loss must be zero already.
+        """
         data = batch.tensordict
+        mask = mask if self.reduction == "mean" else None
         weights = self._maybe_get_priority_weight(data)
         return self._reduce_loss(loss.squeeze(-1), data, mask=mask, weights=weights)
 

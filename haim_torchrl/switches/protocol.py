@@ -90,8 +90,9 @@ SwitchFactory: TypeAlias = Callable[[], Switch]
 class Forecast:
     """What a simulator expects if the agent's action is carried out.
 
-    The manoeuvre is the agent's action for a short while (0.6 s) and then firm braking
-    (5 m/s²) to a standstill: as long as that stays safe, nobody has to act yet.
+    The manoeuvre is the agent's action for a short while and then firm braking to a standstill
+    (the simulator's settings say how long and how firm; by default 1 s and 5 m/s²): as
+    long as that stays safe, nobody has to act yet.
 
     Attributes:
         collision: whether the manoeuvre ends in a collision.
