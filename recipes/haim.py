@@ -3,6 +3,7 @@
 python recipes/haim.py                                 # conf/haim.yaml, preset=default
 python recipes/haim.py seed=1 loss/implicit=none       # override anything
 python recipes/haim.py resume=runs/haim/<date>         # go on with a run
+python recipes/haim.py --config-name ablation          # the paper's ablations, side by side
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from haim_torchrl.evaluation.command import (
     INTERRUPTED,
     InterruptFlag,
     RunFailed,
+    job_label,
     open_folder,
     register,
     reporting,
@@ -38,6 +40,7 @@ from haim_torchrl.evaluation.drivers import PolicyDriver
 from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.report import final_report
 from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
+from haim_torchrl.evaluation.sweep import AUTO, remaining
 from haim_torchrl.evaluation.training_log import TrainingLog
 from haim_torchrl.modules import PolicyAverage
 from haim_torchrl.objectives import NonFiniteLossError, UpdateStep
@@ -97,7 +100,7 @@ def train(config: DictConfig) -> Path:
 
     with (
         InterruptFlag() as interrupt,
-        ProgressLine(config.total_frames, schedule.frames) as progress,
+        ProgressLine(config.total_frames, schedule.frames, label=job_label()) as progress,
     ):
         # Algorithm 2. The agent proposes, the switch decides, the mentor may act: inside the
         # environment, so that each batch says who drove each step and what it cost.
@@ -151,8 +154,14 @@ register()
 @hydra.main(version_base="1.3", config_path="../conf", config_name="haim")
 def main(config: DictConfig) -> None:
     """Hydra's entry point."""
-    with reporting():
-        train(resumed_config(config, HydraConfig.get()) if config.resume else config)
+    hydra_config = HydraConfig.get()
+    with reporting(go_on=bool(job_label())):
+        if config.resume == AUTO:
+            todo = remaining(config, hydra_config)
+        else:
+            todo = resumed_config(config, hydra_config) if config.resume else config
+        if todo is not None:
+            train(todo)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -23,6 +24,9 @@ from haim_torchrl.evaluation.config import ConfigError, register_schemas
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 """Exit codes: settings that cannot work, a run that could not go on, Ctrl-C."""
+
+ERROR_FILE = "error.txt"
+"""Where a run of a sweep leaves the sentence that it failed with."""
 
 
 class RunFailed(RuntimeError):
@@ -64,13 +68,15 @@ def run_command(main: Callable[[], Any]) -> None:
 
 
 @contextmanager
-def reporting(verbose: bool | None = None) -> Iterator[None]:
+def reporting(verbose: bool | None = None, *, go_on: bool = False) -> Iterator[None]:
     """Turn errors that the user can mend into one sentence and an exit code.
 
     Also used inside a job, since Hydra announces each exception that leaves one.
 
     Args:
         verbose: Keep the tracebacks; by default as the user asked by ``HYDRA_FULL_ERROR=1``.
+        go_on: Leave the sentence in the run's folder instead of exiting, as in a sweep whose other
+            runs are to go on.
     """
     global _verbose
     if verbose is not None:
@@ -80,11 +86,11 @@ def reporting(verbose: bool | None = None) -> Iterator[None]:
     except (ConfigError, CheckpointError, HydraException, OmegaConfBaseException) as error:
         if _verbose:
             raise
-        _fail(error, BAD_INPUT)
+        _fail(error, BAD_INPUT, go_on)
     except (RunFailed, FileExistsError) as error:
         if _verbose:
             raise
-        _fail(error, FAILED)
+        _fail(error, FAILED, go_on)
     except KeyboardInterrupt:
         print("\ninterrupted; what is not in the last checkpoint is lost", file=sys.stderr)
         sys.exit(INTERRUPTED)
@@ -93,14 +99,32 @@ def reporting(verbose: bool | None = None) -> Iterator[None]:
 _verbose = False
 
 
-def _fail(error: BaseException, code: int) -> None:
+def _fail(error: BaseException, code: int, go_on: bool) -> None:
     settings = HydraConfig.instance().cfg
+    sentence = _first_sentence(error)
     if settings is not None:
         folder = OmegaConf.select(settings, "hydra.runtime.output_dir")  # type: ignore[arg-type]
-        if folder:
+        if folder and go_on:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            (Path(folder) / ERROR_FILE).write_text(sentence + "\n")
+        elif folder:
             _remove_if_empty(Path(folder))
-    print(f"error: {_first_sentence(error)}", file=sys.stderr)
-    sys.exit(code)
+    label = f"{name}: " if (name := job_label()) else ""
+    print(f"{label}error: {sentence}", file=sys.stderr, flush=True)
+    if not go_on:
+        sys.exit(code)
+
+
+def job_label() -> str:
+    """What tells this run of a sweep from the others; empty outside of a sweep.
+
+    Returns:
+        The overrides of the run, such as ``method=haco,seed=1``.
+    """
+    settings = HydraConfig.instance().cfg
+    if settings is None or settings.hydra.mode != RunMode.MULTIRUN:
+        return ""
+    return str(OmegaConf.select(settings, "hydra.job.override_dirname"))
 
 
 def _remove_if_empty(folder: Path) -> None:
@@ -183,6 +207,11 @@ def run_folder(name: str, resume: str | None = None, root: str = "runs") -> str:
     Raises:
         CheckpointError: If there is nothing to resume.
     """
+    if resume == "auto":
+        raise ConfigError(
+            "resume=auto is for the runs of a sweep, which have a folder each; resume=<run folder> "
+            "goes on with a single run"
+        )
     if resume:
         # Looked up here already, since Hydra makes the folder that this returns.
         path = find_checkpoint(resume)

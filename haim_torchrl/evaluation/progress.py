@@ -31,6 +31,7 @@ class ProgressLine:
         total: Steps of the whole job.
         start: Steps done before, by the run that this one resumes.
         unit: What a step is called.
+        label: Stands before each line, of which there are then few, since several jobs write them.
         every: Seconds between lines where there is no terminal; on a terminal ten a second at most.
         stream: Where to write.
         enabled: False writes nothing.
@@ -46,14 +47,16 @@ class ProgressLine:
         start: int = 0,
         *,
         unit: str = "steps",
+        label: str = "",
         every: float = 15.0,
         stream: TextIO | None = None,
         enabled: bool = True,
     ) -> None:
         self.total, self._first, self.unit = total, start, unit
         self._stream = stream or sys.stdout
-        self._live = bool(getattr(self._stream, "isatty", lambda: False)())
-        self._every = 0.1 if self._live else every
+        self._label = f"{label}: " if label else ""
+        self._live = not label and bool(getattr(self._stream, "isatty", lambda: False)())
+        self._every = 0.1 if self._live else 4 * every if label else every
         self._enabled = enabled
         self._began = self._shown = time.monotonic()
         self._width = 0
@@ -100,7 +103,7 @@ class ProgressLine:
             self._stream.write("\r" + line.ljust(self._width))
             self._width = len(line)
         else:
-            self._stream.write(line + "\n")
+            self._stream.write(f"{self._label}{line}\n")
         self._stream.flush()
 
     def note(self, message: str) -> None:
@@ -110,5 +113,5 @@ class ProgressLine:
         if self._live and self._width:
             self._stream.write("\r" + " " * self._width + "\r")
             self._width = 0
-        self._stream.write(message + "\n")
+        self._stream.write(f"{self._label}{message}\n")
         self._stream.flush()

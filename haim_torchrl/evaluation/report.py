@@ -9,6 +9,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from haim_torchrl.evaluation.assembly import World
+from haim_torchrl.evaluation.command import job_label
 from haim_torchrl.evaluation.curves import draw_curves
 from haim_torchrl.evaluation.drivers import Driver
 from haim_torchrl.evaluation.evaluator import Evaluation, evaluate
@@ -37,7 +38,8 @@ def drive_set(
     """
     seeds = world.seeds()
     arrived = done = 0
-    with ProgressLine(len(seeds), unit=f"episodes {label}".strip()) as progress:
+    unit = f"episodes {label}".strip()
+    with ProgressLine(len(seeds), unit=unit, label=job_label()) as progress:
 
         def show(record: Any) -> None:
             nonlocal arrived, done

@@ -190,7 +190,7 @@ class Run:
                 ) from error
         best = contents["best"]
         self._best = None if best is None else (best[0], best[1], int(best[2]))
-        if self.schedule.finished:
+        if self.schedule.finished and (self.folder / "metrics.json").exists():
             raise CheckpointError(
                 f"checkpoint {path} has all its {self.schedule.frames} steps already; give a "
                 "larger total_frames to go on, or evaluate it with recipes/evaluate.py"
