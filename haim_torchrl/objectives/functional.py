@@ -233,6 +233,39 @@ def constant_takeover_cost(
     return takeover_start.to(action_agent.dtype)
 
 
+def distance_takeover_cost(
+    action_agent: Tensor, action_mentor: Tensor, takeover_start: Tensor
+) -> Tensor:
+    r"""A takeover cost that sees magnitudes, too: the distance between both actions.
+
+    .. math:: \lVert a_{agent} - a_{mentor} \rVert / \sqrt A
+
+    The angle of eq 23 is blind to them: braking gently and fully are one direction, and almost
+    opposite tiny corrections cost nearly 2. For actions in [-1, 1] this lies in [0, 2], as eq 23
+    does, and it is defined for actions of length zero.
+
+    Args:
+        action_agent: what the agent proposed, ``[..., A]``.
+        action_mentor: what the mentor did, ``[..., A]``.
+        takeover_start: whether this is the first step of a takeover, bool, ``[..., 1]``.
+
+    Returns:
+        Cost, ``[..., 1]``.
+
+    Examples:
+        >>> import torch
+        >>> gentle, full = torch.tensor([0.2, 0.0]), torch.tensor([1.0, 0.0])
+        >>> distance_takeover_cost(gentle, full, torch.tensor([True]))
+        tensor([0.5657])
+        >>> takeover_cost(gentle, full, torch.tensor([True]))
+        tensor([0.])
+    """
+    _check_scalar("takeover_start", takeover_start)
+    difference = action_agent - action_mentor
+    distance = difference.square().mean(-1, keepdim=True).sqrt()
+    return distance.masked_fill(~takeover_start, 0.0)
+
+
 def actor_objective(
     log_prob: Tensor,
     weighted_values: Iterable[tuple[Tensor | float, Tensor]],

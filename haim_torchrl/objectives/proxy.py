@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor
@@ -31,6 +34,9 @@ class ProxyQLoss(TemporalDifferenceTerm):
         actor_weight: weight ψ of this critic in the actor's objective (eq 25).
         actor_reduction: how the actor reduces the twins; ``"min"`` is soft actor-critic's.
         target_reduction: how the target reduces the twins.
+        takeover_starts: whether the critic is regressed on the first steps of takeovers, too, as
+            eq 17 has it. There the agent's proposal was cut short, and what comes next is the
+            mentor's doing; ``False`` leaves these steps to the preference alone.
         reduction: ``"mean"``, ``"sum"`` or ``"none"``.
 
     Examples:
@@ -47,6 +53,12 @@ class ProxyQLoss(TemporalDifferenceTerm):
         torch.Size([])
     """
 
+    @dataclass
+    class _AcceptedKeys(TemporalDifferenceTerm._AcceptedKeys):
+        takeover_start: NestedKey = "takeover_start"
+
+    default_keys = _AcceptedKeys
+
     def __init__(
         self,
         actor_network: ProbabilisticActor,
@@ -57,6 +69,7 @@ class ProxyQLoss(TemporalDifferenceTerm):
         actor_weight: float = 1.0,
         actor_reduction: Reduction = "min",
         target_reduction: Reduction = "min",
+        takeover_starts: bool = True,
         reduction: str | None = None,
     ) -> None:
         super().__init__(
@@ -69,6 +82,7 @@ class ProxyQLoss(TemporalDifferenceTerm):
             reduction=reduction,
         )
         self.temperature = as_temperature(temperature)
+        self.takeover_starts = takeover_starts
 
     @property
     def action_key(self) -> NestedKey:
@@ -87,3 +101,12 @@ class ProxyQLoss(TemporalDifferenceTerm):
             gamma=gamma,
             reduction=self.target_reduction,
         )
+
+    def counted(self, batch: ForwardPass) -> Tensor | None:
+        """All steps, or all but the first ones of takeovers."""
+        return None if self.takeover_starts else ~batch.read(self.tensor_keys.takeover_start)
+
+    def reads(self) -> Sequence[NestedKey]:
+        """What the base reads, and where takeovers begin if these steps are left out."""
+        keys = [] if self.takeover_starts else [self.tensor_keys.takeover_start]
+        return [*super().reads(), *keys]

@@ -106,10 +106,11 @@ class LossTerm(LossModule):
             An entry for each of :attr:`out_keys`.
 
         Raises:
-            KeyError: if the batch lacks an entry; the message names the term and the entry.
+            KeyError: if the batch lacks an entry, or the result has other entries than announced;
+                the message names the term and the entry.
         """
         try:
-            return self.evaluate(batch)
+            result = self.evaluate(batch)
         except (AttributeError, KeyError, RuntimeError, TypeError) as error:
             for key in self.in_keys:
                 if batch.tensordict.get(key, default=None) is None:
@@ -119,6 +120,12 @@ class LossTerm(LossModule):
                         "it, or name another one with set_keys()."
                     ) from error
             raise
+        if list(result) != (announced := [self.loss_name, *self.diagnostics]):
+            raise KeyError(
+                f"{type(self).__name__}.evaluate returned {list(result)}, but its loss_name and "
+                f"diagnostics announce {announced}: give both the same names, in the same order."
+            )
+        return result
 
     @property
     def in_keys(self) -> list[NestedKey]:

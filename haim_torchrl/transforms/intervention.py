@@ -14,7 +14,11 @@ from torchrl.data.tensor_specs import Binary, Bounded, Composite, TensorSpec, Un
 from torchrl.envs import EnvBase, Transform
 
 from haim_torchrl.mentors.protocol import Mentor, MentorFactory
-from haim_torchrl.objectives.functional import constant_takeover_cost, takeover_cost
+from haim_torchrl.objectives.functional import (
+    constant_takeover_cost,
+    distance_takeover_cost,
+    takeover_cost,
+)
 from haim_torchrl.switches.protocol import Situation, Switch, SwitchFactory
 from haim_torchrl.transforms.keys import InterventionKeys
 from haim_torchrl.transforms.worker import simulator_of, worker_env
@@ -22,7 +26,11 @@ from haim_torchrl.transforms.worker import simulator_of, worker_env
 CostFunction: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
 """Takeover cost of ``(action_agent [A], action_mentor [A], takeover_start [1])``, shape ``[1]``."""
 
-_COSTS: dict[str, CostFunction] = {"cosine": takeover_cost, "constant": constant_takeover_cost}
+_COSTS: dict[str, CostFunction] = {
+    "cosine": takeover_cost,
+    "constant": constant_takeover_cost,
+    "distance": distance_takeover_cost,
+}
 _ROUNDING = 1e-5
 
 
@@ -72,7 +80,8 @@ class InterventionTransform(Transform):
         switch: decides who controls; a switch (copied, as it may have memory) or a factory.
         cost: C^EX, charged on the first step of a takeover only, because it was the action
             rejected there that led to it: ``"cosine"`` (eq. 23), ``"constant"`` (+1, the paper's
-            ablation), or a function of ``(action_agent, action_mentor, takeover_start)``.
+            ablation), ``"distance"`` (sees magnitudes, too), or a function of
+            ``(action_agent, action_mentor, takeover_start)``.
         keys: names of the entries.
         simulator: finds the simulator in the base environment. By default the unwrapped gym
             environment, or the base environment itself if it wraps none.
@@ -103,7 +112,7 @@ class InterventionTransform(Transform):
         mentor_factory: MentorFactory,
         switch: Switch | SwitchFactory,
         *,
-        cost: Literal["cosine", "constant"] | CostFunction = "cosine",
+        cost: Literal["cosine", "constant", "distance"] | CostFunction = "cosine",
         keys: InterventionKeys | None = None,
         simulator: Callable[[EnvBase], Any] | None = None,
     ) -> None:
