@@ -23,7 +23,6 @@ from haim_torchrl.evaluation.assembly import (
     build,
     build_actor,
     build_logger,
-    build_loss,
     prepare,
 )
 from haim_torchrl.evaluation.command import (
@@ -41,6 +40,7 @@ from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.report import final_report
 from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
 from haim_torchrl.evaluation.sweep import AUTO, remaining
+from haim_torchrl.evaluation.terms import build_loss
 from haim_torchrl.evaluation.training_log import TrainingLog
 from haim_torchrl.modules import PolicyAverage
 from haim_torchrl.objectives import NonFiniteLossError, UpdateStep
@@ -55,7 +55,7 @@ def train(config: DictConfig) -> Path:
     # The parts: one actor, its critics and losses, the replay, who collects.
     actor = build_actor(config, sizes, device)
     make_critic = partial(build, config.critic, sizes.observation, sizes.action, device=device)
-    loss = build_loss(config.loss, actor, make_critic)
+    loss = build_loss(config.loss, actor, make_critic, sizes.entries)
     optimizer = build(config.optimizer, loss)
     update = UpdateStep(
         torch.compile(loss) if config.compile else loss,

@@ -1,10 +1,9 @@
-"""From settings to parts: environments, the loss around one actor, loggers."""
+"""From settings to parts: environments, the actor, loggers, drivers."""
 
 from __future__ import annotations
 
-import inspect
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,8 +12,8 @@ import numpy as np
 import torch
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
-from omegaconf import DictConfig, OmegaConf
-from tensordict.nn import TensorDictModule
+from omegaconf import DictConfig
+from tensordict import NestedKey
 from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.modules import ProbabilisticActor
 
@@ -35,9 +34,7 @@ from haim_torchrl.evaluation.drivers import (
     simulator_of,
 )
 from haim_torchrl.evaluation.training_log import ScalarLogger
-from haim_torchrl.modules import Temperature
-from haim_torchrl.objectives import ActorLoss, HAIMLoss, TemporalDifferenceTerm
-from haim_torchrl.transforms import InterventionTransform
+from haim_torchrl.transforms import InterventionTransform, TakeoverToTransition
 
 
 def build(node: Any, *args: Any, **kwargs: Any) -> Any:
@@ -98,7 +95,7 @@ class World:
         scenarios: Scenarios that resets draw from.
         mentor: Settings of the mentor.
         switch: Settings of the switch; None for an environment without takeovers.
-        takeover_cost: Cost of a takeover's first step, ``"cosine"`` or ``"constant"``.
+        takeover_cost: Cost of a takeover's first step, such as ``"cosine"``.
     """
 
     env: Mapping[str, Any]
@@ -159,17 +156,19 @@ class World:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What networks need to know of an environment.
+    """What networks and losses need to know of an environment.
 
     Attributes:
         observation: Size D of the observation.
         action: Size A of the action.
         reflection: What a mirror does to both; None where the simulator has no such symmetry.
+        entries: What a transition of it holds; empty where no mentor can take over.
     """
 
     observation: int
     action: int
     reflection: Reflection | None = None
+    entries: frozenset[NestedKey] = frozenset()
 
     @classmethod
     def of(cls, env: EnvBase) -> Sizes:
@@ -178,6 +177,7 @@ class Sizes:
             env.observation_spec["observation"].shape[-1],
             env.action_spec.shape[-1],
             getattr(simulator_of(env), "reflection", None),
+            _entries(env),
         )
 
     @classmethod
@@ -190,82 +190,16 @@ class Sizes:
             env.close()
 
 
+def _entries(env: EnvBase) -> frozenset[NestedKey]:
+    step = env.fake_tensordict()
+    if ("next", "intervention") not in step.keys(True, True):
+        return frozenset()
+    return frozenset(TakeoverToTransition()(step).keys(True, True))
+
+
 def build_actor(config: DictConfig, sizes: Sizes, device: torch.device) -> ProbabilisticActor:
     """The one actor of a run."""
     return build(config.actor, sizes.observation, sizes.action, device=device)
-
-
-def build_loss(
-    settings: DictConfig,
-    actor: ProbabilisticActor,
-    make_critic: Callable[[], TensorDictModule],
-) -> HAIMLoss:
-    """The loss from its terms' settings.
-
-    Which terms there are is decided by the settings alone. A term is an entry with ``term``, a
-    partial that gets, by name, those of ``actor_network``, ``critic_network`` and ``temperature``
-    that it takes; terms that name the same ``critic`` share it. The actor's own term gets the
-    critics of all temporal-difference terms with the weights that these carry.
-
-    Args:
-        settings: The group ``loss``.
-        actor: The actor.
-        make_critic: Builds a fresh critic.
-
-    Raises:
-        ConfigError: If a term cannot be built, or takes a critic and names none.
-    """
-    temperature: Temperature = build(settings.entropy.temperature)
-    temperature.to(next(actor.parameters()).device)
-    critics: dict[str, TensorDictModule] = {}
-    terms: dict[str, Any] = {}
-    actor_terms: dict[str, Any] = {}
-    for key, node in settings.items():
-        name = str(key)
-        if not OmegaConf.is_dict(node) or node.get("term") is None:
-            continue
-        make_term = build(node.term)
-        accepted = inspect.signature(make_term).parameters
-        given: dict[str, Any] = {}
-        if "actor_network" in accepted:
-            given["actor_network"] = actor
-        if "temperature" in accepted:
-            given["temperature"] = temperature
-        if "critic_network" in accepted:
-            critic = node.get("critic")
-            if critic is None:
-                raise ConfigError(
-                    f"loss.{name} takes a critic but names none; set loss.{name}.critic"
-                )
-            if critic not in critics:
-                critics[critic] = make_critic()
-            given["critic_network"] = critics[critic]
-        if "critics" in accepted:
-            actor_terms[name] = partial(make_term, **given)
-        else:
-            terms[name] = _build_term(name, partial(make_term, **given))
-    weighted = {
-        name: (term.critic_network, term.actor_weight, term.actor_reduction)
-        for name, term in terms.items()
-        if isinstance(term, TemporalDifferenceTerm)
-    }
-    for name, make_term in actor_terms.items():
-        terms[name] = _build_term(name, partial(make_term, critics=weighted))
-    if not any(isinstance(term, ActorLoss) for term in terms.values()):
-        raise ConfigError("loss.actor has no term, so that no policy would be learned; choose one")
-    try:
-        loss = HAIMLoss(terms)
-        loss.make_value_estimator(gamma=settings.gamma)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"loss: {error}") from error
-    return loss
-
-
-def _build_term(name: str, make_term: Callable[[], Any]) -> Any:
-    try:
-        return make_term()
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"loss.{name} cannot be built: {error}") from error
 
 
 def build_logger(config: DictConfig) -> ScalarLogger | None:

@@ -121,10 +121,9 @@ def job_label() -> str:
     Returns:
         The overrides of the run, such as ``method=haco,seed=1``.
     """
-    settings = HydraConfig.instance().cfg
-    if settings is None or settings.hydra.mode != RunMode.MULTIRUN:
+    if not HydraConfig.initialized() or HydraConfig.get().mode != RunMode.MULTIRUN:
         return ""
-    return str(OmegaConf.select(settings, "hydra.job.override_dirname"))
+    return str(HydraConfig.get().job.override_dirname)
 
 
 def _remove_if_empty(folder: Path) -> None:

@@ -25,7 +25,7 @@ from haim_torchrl.objectives.proxy import ProxyQLoss
 from haim_torchrl.objectives.target import TargetUpdater
 from haim_torchrl.objectives.temperature import TemperatureLoss
 from haim_torchrl.objectives.temporal_difference import TemporalDifferenceTerm
-from haim_torchrl.objectives.term import CriticTerm, LossTerm
+from haim_torchrl.objectives.term import CriticTerm, LossTerm, PolicyTerm
 
 __all__ = [
     "ActorLoss",
@@ -41,6 +41,7 @@ __all__ = [
     "LinearPreferenceLoss",
     "LossTerm",
     "NonFiniteLossError",
+    "PolicyTerm",
     "PreferenceTerm",
     "ProxyQLoss",
     "TargetUpdater",

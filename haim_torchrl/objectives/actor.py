@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from tensordict import NestedKey, TensorDict
-from tensordict.nn import TensorDictModule, TensorDictParams
+from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor
 
@@ -16,7 +16,7 @@ from haim_torchrl.objectives import functional
 from haim_torchrl.objectives.forward_pass import ForwardPass
 from haim_torchrl.objectives.functional import Reduction
 from haim_torchrl.objectives.networks import CriticFunction, critic_function
-from haim_torchrl.objectives.term import LossTerm, parameters_of, policy_function
+from haim_torchrl.objectives.term import PolicyTerm, parameters_of
 
 
 class WeightedCritic(NamedTuple):
@@ -33,7 +33,7 @@ class WeightedCritic(NamedTuple):
     reduction: Reduction = "min"
 
 
-class ActorLoss(LossTerm):
+class ActorLoss(PolicyTerm):
     r"""Maximises the weighted critics and the entropy (eq 25).
 
     .. math:: -[\psi \min Q - \alpha \log\pi(a|s) - \beta \max Q^{EX} - \varphi \max Q^{IM}]
@@ -65,16 +65,12 @@ class ActorLoss(LossTerm):
     """
 
     @dataclass
-    class _AcceptedKeys(LossTerm._AcceptedKeys):
+    class _AcceptedKeys(PolicyTerm._AcceptedKeys):
         action: NestedKey = "action"
         state_action_value: NestedKey = "state_action_value"
 
     default_keys = _AcceptedKeys
     role: ClassVar[str] = "actor"
-
-    actor_network: TensorDictModule
-    actor_network_params: TensorDictParams
-    target_actor_network_params: TensorDictParams
 
     def __init__(
         self,
@@ -87,8 +83,7 @@ class ActorLoss(LossTerm):
         super().__init__(reduction=reduction)
         if not critics:
             raise ValueError("critics must name at least one critic for the actor to follow.")
-        self.convert_to_functional(actor_network, "actor_network")
-        self._policy = policy_function(self)
+        self.set_policy(actor_network)
         self.temperature = as_temperature(temperature)
         self._readings: dict[str, tuple[TensorDictModule, Reduction]] = {}
         for name, critic in critics.items():
@@ -133,7 +128,7 @@ class ActorLoss(LossTerm):
         Returns:
             Loss, temperature, entropy, and each critic's mean value.
         """
-        action, log_prob = batch.fresh_action(self._policy, self.actor_network_params)
+        action, log_prob = self.fresh_action(batch)
         alpha = self.temperature()
         weighted: list[tuple[Tensor, Tensor]] = []
         means: dict[str, Tensor] = {}

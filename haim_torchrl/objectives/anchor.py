@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from tensordict import NestedKey
-from tensordict.nn import TensorDictModule, TensorDictParams
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.objectives import functional
 from haim_torchrl.objectives.forward_pass import ForwardPass
-from haim_torchrl.objectives.term import LossTerm, parameters_of, policy_function
+from haim_torchrl.objectives.term import PolicyTerm, parameters_of
 
 
-class CloningAnchorLoss(LossTerm):
+class CloningAnchorLoss(PolicyTerm):
     """Draws the policy towards the mentor's action where the mentor drove.
 
     Preferences pin the proxy values at two actions of a state only. Between and beyond them a
@@ -32,7 +31,7 @@ class CloningAnchorLoss(LossTerm):
     """
 
     @dataclass
-    class _AcceptedKeys(LossTerm._AcceptedKeys):
+    class _AcceptedKeys(PolicyTerm._AcceptedKeys):
         action_mentor: NestedKey = "action"
         intervention: NestedKey = "intervention"
 
@@ -40,9 +39,6 @@ class CloningAnchorLoss(LossTerm):
     _schedulable_buffers = frozenset({"weight"})
     role: ClassVar[str] = "actor"
 
-    actor_network: TensorDictModule
-    actor_network_params: TensorDictParams
-    target_actor_network_params: TensorDictParams
     weight: Tensor
 
     def __init__(
@@ -53,8 +49,7 @@ class CloningAnchorLoss(LossTerm):
         reduction: str | None = None,
     ) -> None:
         super().__init__(reduction=reduction)
-        self.convert_to_functional(actor_network, "actor_network")
-        self._policy = policy_function(self)
+        self.set_policy(actor_network)
         self.register_coeff_buffer("weight", float(weight))
 
     @property
@@ -71,7 +66,7 @@ class CloningAnchorLoss(LossTerm):
         Returns:
             The loss.
         """
-        action, _ = batch.fresh_action(self._policy, self.actor_network_params)
+        action, _ = self.fresh_action(batch)
         distance = functional.anchor_distance(
             action,
             batch.read(self.tensor_keys.action_mentor),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
@@ -29,7 +30,7 @@ class CostCriticLoss(TemporalDifferenceTerm):
     Args:
         actor_network: the agent's policy.
         critic_network: reads observations and an action, writes ``[..., E]`` values.
-        label: the loss is named ``loss_<label>``.
+        label: the loss is named ``loss_<label>``; by default after the cost.
         actor_weight: signed weight in the actor's objective (eq 25), negative: costs are
             minimised.
         actor_reduction: how the actor reduces the twins. ``"max"`` by default: a policy that
@@ -46,13 +47,15 @@ class CostCriticLoss(TemporalDifferenceTerm):
         priority: NestedKey = "cost_td_error"
 
     default_keys = _AcceptedKeys
+    #: What the loss is named after where no label is given.
+    default_label: ClassVar[str] = "cost"
 
     def __init__(
         self,
         actor_network: ProbabilisticActor,
         critic_network: TensorDictModule,
         *,
-        label: str = "cost",
+        label: str | None = None,
         actor_weight: float = -1.0,
         actor_reduction: Reduction = "max",
         target_reduction: Reduction = "max",
@@ -61,7 +64,7 @@ class CostCriticLoss(TemporalDifferenceTerm):
         super().__init__(
             actor_network,
             critic_network,
-            label=label,
+            label=label or self.default_label,
             actor_weight=actor_weight,
             actor_reduction=actor_reduction,
             target_reduction=target_reduction,
@@ -109,27 +112,7 @@ class ExplicitInterventionLoss(CostCriticLoss):
         priority: NestedKey = "explicit_td_error"
 
     default_keys = _AcceptedKeys
-
-    def __init__(
-        self,
-        actor_network: ProbabilisticActor,
-        critic_network: TensorDictModule,
-        *,
-        label: str = "explicit",
-        actor_weight: float = -1.0,
-        actor_reduction: Reduction = "max",
-        target_reduction: Reduction = "max",
-        reduction: str | None = None,
-    ) -> None:
-        super().__init__(
-            actor_network,
-            critic_network,
-            label=label,
-            actor_weight=actor_weight,
-            actor_reduction=actor_reduction,
-            target_reduction=target_reduction,
-            reduction=reduction,
-        )
+    default_label = "explicit"
 
 
 class ImplicitInterventionLoss(CostCriticLoss):
@@ -156,13 +139,14 @@ class ImplicitInterventionLoss(CostCriticLoss):
         priority: NestedKey = "implicit_td_error"
 
     default_keys = _AcceptedKeys
+    default_label = "implicit"
 
     def __init__(
         self,
         actor_network: ProbabilisticActor,
         critic_network: TensorDictModule,
         *,
-        label: str = "implicit",
+        label: str | None = None,
         actor_weight: float = -1.0,
         actor_reduction: Reduction = "max",
         target_reduction: Reduction = "max",

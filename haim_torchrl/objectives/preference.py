@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import torch
 from tensordict import NestedKey
-from tensordict.nn import TensorDictModule, TensorDictParams
+from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.objectives import functional
 from haim_torchrl.objectives.forward_pass import ForwardPass
-from haim_torchrl.objectives.term import CriticTerm, policy_function
+from haim_torchrl.objectives.term import CriticTerm, PolicyTerm
 
 
 class PreferenceTerm(CriticTerm):
@@ -177,7 +177,7 @@ class BoundedPreferenceLoss(PreferenceTerm):
         return self._reduce(loss, batch, mask=intervention)
 
 
-class ConservativePreferenceLoss(BoundedPreferenceLoss):
+class ConservativePreferenceLoss(BoundedPreferenceLoss, PolicyTerm):
     r"""Bounded preference over what the policy would do now, as in conservative Q-learning.
 
     The rejected action is half the stored proposal and half a fresh draw of the policy at the
@@ -194,10 +194,6 @@ class ConservativePreferenceLoss(BoundedPreferenceLoss):
         reduction: ``"mean"``, ``"sum"`` or ``"none"``.
     """
 
-    actor_network: TensorDictModule
-    actor_network_params: TensorDictParams
-    target_actor_network_params: TensorDictParams
-
     def __init__(
         self,
         actor_network: ProbabilisticActor,
@@ -208,12 +204,11 @@ class ConservativePreferenceLoss(BoundedPreferenceLoss):
         reduction: str | None = None,
     ) -> None:
         super().__init__(critic_network, weight=weight, bound=bound, reduction=reduction)
-        self.convert_to_functional(actor_network, "actor_network")
-        self._policy = policy_function(self)
+        self.set_policy(actor_network)
 
     def rejected_values(self, batch: ForwardPass) -> list[Tensor]:
         """Values of the stored proposal and of a fresh one, ``[..., E]`` each."""
-        action, _ = batch.fresh_action(self._policy, self.actor_network_params)
+        action, _ = self.fresh_action(batch)
         params = self.critic_network_params
         return [
             *super().rejected_values(batch),

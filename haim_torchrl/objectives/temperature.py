@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from tensordict import NestedKey
-from tensordict.nn import TensorDictModule, TensorDictParams
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.modules.temperature import Temperature
 from haim_torchrl.objectives import functional
 from haim_torchrl.objectives.forward_pass import ForwardPass
-from haim_torchrl.objectives.term import LossTerm, policy_function
+from haim_torchrl.objectives.term import PolicyTerm
 
 
-class TemperatureLoss(LossTerm):
+class TemperatureLoss(PolicyTerm):
     r"""Moves α so that the policy's entropy meets a target; leave it out for a fixed α.
 
     The target −dim(A) is soft actor-critic's rule, and the only reading of the paper's table
@@ -35,10 +34,6 @@ class TemperatureLoss(LossTerm):
 
     role: ClassVar[str] = "temperature"
 
-    actor_network: TensorDictModule
-    actor_network_params: TensorDictParams
-    target_actor_network_params: TensorDictParams
-
     def __init__(
         self,
         actor_network: ProbabilisticActor,
@@ -55,8 +50,7 @@ class TemperatureLoss(LossTerm):
             )
         if isinstance(target_entropy, str) and target_entropy != "auto":
             raise ValueError(f"target_entropy must be a number or 'auto', got {target_entropy!r}.")
-        self.convert_to_functional(actor_network, "actor_network")
-        self._policy = policy_function(self)
+        self.set_policy(actor_network)
         self.temperature = temperature
         self.target_entropy = target_entropy
 
@@ -74,7 +68,7 @@ class TemperatureLoss(LossTerm):
         Returns:
             The loss.
         """
-        action, log_prob = batch.fresh_action(self._policy, self.actor_network_params)
+        action, log_prob = self.fresh_action(batch)
         target = self.target_entropy
         target = -float(action.shape[-1]) if isinstance(target, str) else target
         loss = functional.temperature_loss(self.temperature.log_alpha, log_prob, target)

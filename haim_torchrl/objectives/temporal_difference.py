@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tensordict import NestedKey, TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictParams
+from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ValueEstimators
@@ -16,11 +16,10 @@ from torchrl.objectives import ValueEstimators
 from haim_torchrl.objectives import functional
 from haim_torchrl.objectives.forward_pass import ForwardPass
 from haim_torchrl.objectives.functional import Reduction
-from haim_torchrl.objectives.networks import PolicyFunction
-from haim_torchrl.objectives.term import CriticTerm, policy_function
+from haim_torchrl.objectives.term import CriticTerm, PolicyTerm
 
 
-class TemporalDifferenceTerm(CriticTerm):
+class TemporalDifferenceTerm(CriticTerm, PolicyTerm):
     """Base of the losses that regress a critic on a bootstrapped target.
 
     The target bootstraps on a fresh action of the agent's own policy at the next state, also
@@ -48,9 +47,6 @@ class TemporalDifferenceTerm(CriticTerm):
     default_value_estimator = ValueEstimators.TD0
     _schedulable_buffers = frozenset({"gamma"})
 
-    actor_network: TensorDictModule
-    actor_network_params: TensorDictParams
-    target_actor_network_params: TensorDictParams
     gamma: Tensor
 
     def __init__(
@@ -65,8 +61,7 @@ class TemporalDifferenceTerm(CriticTerm):
         reduction: str | None = None,
     ) -> None:
         super().__init__(critic_network, create_target_params=True, reduction=reduction)
-        self.convert_to_functional(actor_network, "actor_network")
-        self._policy: PolicyFunction = policy_function(self)
+        self.set_policy(actor_network)
         for name, value in (("actor", actor_reduction), ("target", target_reduction)):
             if value not in ("min", "max", "mean"):
                 raise ValueError(f"{name}_reduction must be 'min', 'max' or 'mean', got {value!r}.")
@@ -122,7 +117,7 @@ class TemporalDifferenceTerm(CriticTerm):
         """
         params = self.critic_network_params
         values = batch.stored_values(self.critic, params, self.action_key)
-        action, log_prob = batch.next_action(self._policy, self.actor_network_params)
+        action, log_prob = self.next_action(batch)
         next_values = batch.next_values(self.critic, self.target_critic_network_params, action)
         target = self.target(batch, next_values, log_prob, self._discount(batch)).detach()
         loss, counted = functional.td_loss(values, target), self.counted(batch)

@@ -11,6 +11,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictParams, dispatch
 from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType
+from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import LossModule
 
 from haim_torchrl.objectives.forward_pass import ForwardPass
@@ -231,6 +232,46 @@ class CriticTerm(LossTerm):
         self._critic = None
 
 
+class PolicyTerm(LossTerm):
+    """A term that draws actions of the agent's policy; hand it over with :meth:`set_policy`."""
+
+    actor_network: TensorDictModule
+    actor_network_params: TensorDictParams
+    target_actor_network_params: TensorDictParams
+    _policy: PolicyFunction
+
+    def set_policy(self, actor_network: ProbabilisticActor) -> None:
+        """Makes the policy part of the term, to be called in the constructor.
+
+        Args:
+            actor_network: the agent's policy.
+        """
+        self.convert_to_functional(actor_network, "actor_network")
+        self._policy = PolicyFunction(self.actor_network, self.actor_network_params)
+
+    def fresh_action(self, batch: ForwardPass) -> tuple[Tensor, Tensor]:
+        """The policy's action at the stored states, the same for all terms of an update.
+
+        Args:
+            batch: the data.
+
+        Returns:
+            Action ``[..., A]``, with gradient to the policy, and log-density ``[..., 1]``.
+        """
+        return batch.fresh_action(self._policy, self.actor_network_params)
+
+    def next_action(self, batch: ForwardPass) -> tuple[Tensor, Tensor]:
+        """The policy's action at the next states, without gradient.
+
+        Args:
+            batch: the data.
+
+        Returns:
+            Action ``[..., A]`` and log-density ``[..., 1]``.
+        """
+        return batch.next_action(self._policy, self.actor_network_params)
+
+
 def parameters_of(params: TensorDictParams) -> list[nn.Parameter]:
     """Leaves that are trainable parameters (and not buffers).
 
@@ -241,8 +282,3 @@ def parameters_of(params: TensorDictParams) -> list[nn.Parameter]:
         The parameters.
     """
     return [leaf for leaf in params.values(True, True) if isinstance(leaf, nn.Parameter)]
-
-
-def policy_function(term: LossModule) -> PolicyFunction:
-    """The policy of a term that has an ``actor_network``, as a function."""
-    return PolicyFunction(term.actor_network, term.actor_network_params)

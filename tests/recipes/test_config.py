@@ -18,7 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from haim_torchrl.data import Reflection
 from haim_torchrl.envs import PlatoonConfig
-from haim_torchrl.evaluation.assembly import Sizes, World, build, build_actor, build_loss
+from haim_torchrl.evaluation.assembly import Sizes, World, build, build_actor
 from haim_torchrl.evaluation.command import register
 from haim_torchrl.evaluation.config import (
     ConfigError,
@@ -28,6 +28,7 @@ from haim_torchrl.evaluation.config import (
     find_device,
     plain,
 )
+from haim_torchrl.evaluation.terms import build_loss
 from haim_torchrl.modules import make_critic
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -155,56 +156,6 @@ def test_a_group_on_the_command_line_beats_the_preset() -> None:
     assert config.loss.preference.term.weight == 2
 
 
-LOSSES = {
-    "loss=haim": {"proxy", "preference", "explicit", "implicit", "actor"},
-    "loss=haco": {"proxy", "preference", "explicit", "actor"},
-    "loss=pvp": {"proxy", "preference", "actor"},
-    "loss/implicit=none": {"proxy", "preference", "explicit", "actor"},
-    "loss/explicit=none": {"proxy", "preference", "implicit", "actor"},
-    "loss/preference=none": {"proxy", "explicit", "implicit", "actor"},
-    "loss/preference=linear": {"proxy", "preference", "explicit", "implicit", "actor"},
-    "loss/entropy=auto": {"proxy", "preference", "explicit", "implicit", "entropy", "actor"},
-}
-
-
-@pytest.mark.parametrize("override", LOSSES)
-def test_loss_has_the_terms_of_its_settings(override: str) -> None:
-    config = load(override)
-    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
-    loss = build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
-    assert set(loss.terms) == LOSSES[override]
-    assert loss.terms["proxy"].gamma == pytest.approx(config.loss.gamma)
-
-
-def test_terms_that_name_the_same_critic_share_it() -> None:
-    config = load()
-    made = []
-
-    def critic() -> Any:
-        made.append(make_critic(5, 2, (8,)))
-        return made[-1]
-
-    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
-    loss = build_loss(config.loss, actor, critic)
-    assert len(made) == 3
-    proxy, preference = loss.terms["proxy"], loss.terms["preference"]
-    assert {id(p) for p in preference.trained_parameters()} == {
-        id(p) for p in proxy.trained_parameters()
-    }
-
-
-def test_a_term_of_ones_own_needs_only_settings() -> None:
-    config = load(
-        "+loss.extra.term._target_=haim_torchrl.objectives.BoundedPreferenceLoss",
-        "+loss.extra.term._partial_=true",
-        "+loss.extra.critic=own",
-        "loss/preference=none",
-    )
-    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
-    loss = build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
-    assert "extra" in loss.terms
-
-
 @pytest.mark.parametrize(
     "group", ["switch", "mentor", "env", "loss/implicit", "loss/explicit", "replay", "optimizer"]
 )
@@ -264,20 +215,23 @@ def test_nobody_to_disturb_is_named() -> None:
         World.of(changed("env.followers=0"), "train", takeovers=True)()
 
 
-def test_a_term_without_its_critic_is_named() -> None:
-    config = changed("loss.preference.critic=null")
-    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
-    with pytest.raises(ConfigError, match=r"loss\.preference takes a critic but names none"):
-        build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
-
-
-def test_a_loss_without_an_actor_is_refused() -> None:
-    config = changed("loss.actor.term=null")
-    actor = build_actor(config, Sizes(5, 2), torch.device("cpu"))
-    with pytest.raises(ConfigError, match=r"loss\.actor has no term"):
-        build_loss(config.loss, actor, lambda: make_critic(5, 2, (8,)))
-
-
 def test_auto_device_is_one_that_exists() -> None:
     expected = "cuda" if torch.cuda.is_available() else "cpu"
     assert find_device("auto").type == expected
+
+
+def test_methods_are_bundles_of_groups() -> None:
+    assert load("method=haim") == load()
+    assert load("method=pvp").loss == load("loss=pvp").loss
+    assert load("method=sparse").switch.steps == 30
+    assert load("method=constant").loss.explicit.cost == "constant"
+    assert load("method=pvp", "loss/preference=linear").loss.preference.term.weight == 10.0
+
+
+def test_the_ablation_is_the_default_run_for_every_method_and_seed() -> None:
+    ablation = load(name="ablation")
+    assert (ablation.name, ablation.resume) == ("ablation", "auto")
+    assert OmegaConf.merge(ablation, {"name": "haim", "resume": None}) == load()
+    methods = {path.stem for path in (CONF / "method").glob("*.yaml")}
+    raw = OmegaConf.load(CONF / "ablation.yaml")
+    assert set(raw.hydra.sweeper.params.method.split(",")) == methods  # type: ignore[union-attr]
