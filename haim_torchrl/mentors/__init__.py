@@ -1,5 +1,6 @@
 """Who can take over: rule-based drivers, trained policies, people."""
 
+from haim_torchrl.mentors.fallible import FallibleMentor
 from haim_torchrl.mentors.policy import PolicyMentor
 from haim_torchrl.mentors.protocol import (
     DensityMentor,
@@ -11,6 +12,7 @@ from haim_torchrl.mentors.scripted import FunctionMentor
 
 __all__ = [
     "DensityMentor",
+    "FallibleMentor",
     "FunctionMentor",
     "Mentor",
     "MentorFactory",

@@ -10,6 +10,7 @@ from haim_torchrl.switches.combine import (
     Never,
     RequestSwitch,
 )
+from haim_torchrl.switches.lapse import Lapse
 from haim_torchrl.switches.probability import ProbabilitySwitch
 from haim_torchrl.switches.protocol import (
     Forecast,
@@ -29,6 +30,7 @@ __all__ = [
     "Forecast",
     "Forecasting",
     "Hold",
+    "Lapse",
     "Never",
     "ProbabilitySwitch",
     "RequestSwitch",
