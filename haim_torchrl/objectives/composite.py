@@ -98,10 +98,10 @@ class HAIMLoss(LossModule):
     @property
     def in_keys(self) -> list[NestedKey]:
         """Entries of the batch that the terms read, each once."""
-        if self._in_keys is None:
-            keys = (key for _, term in self.named_terms() for key in term.in_keys)
-            self._in_keys = list(dict.fromkeys(keys))
-        return self._in_keys
+        if self._in_keys is not None:
+            return self._in_keys
+        # Not kept: a term's keys may be set at any time.
+        return list(dict.fromkeys(key for _, term in self.named_terms() for key in term.in_keys))
 
     @in_keys.setter
     def in_keys(self, keys: list[NestedKey]) -> None:

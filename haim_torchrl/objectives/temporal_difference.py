@@ -150,7 +150,9 @@ class TemporalDifferenceTerm(CriticTerm, PolicyTerm):
 
         Args:
             value_type: only ``ValueEstimators.TD0``: replayed single transitions carry no
-                trajectories. Use TorchRL's ``MultiStep`` for n-step targets.
+                trajectories. TorchRL's ``MultiStep`` makes n-step transitions of whole ones; name
+                every cost in its ``reward_keys``, and use it where episodes do not terminate
+                within n steps, since it keeps the first step's ``terminated``.
             **hyperparams: ``gamma``, in [0, 1].
 
         Returns:
@@ -186,7 +188,9 @@ class TemporalDifferenceTerm(CriticTerm, PolicyTerm):
 
     def _discount(self, batch: ForwardPass) -> Tensor:
         steps = batch.tensordict.get(self.tensor_keys.steps_to_next_obs, default=None)
-        return self.gamma if steps is None else self.gamma**steps
+        if steps is None:
+            return self.gamma
+        return self.gamma ** steps.view_as(batch.read(("next", self.tensor_keys.terminated)))
 
 
 def _next(key: NestedKey) -> NestedKey:

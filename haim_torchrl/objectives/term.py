@@ -14,6 +14,7 @@ from torchrl.envs.utils import ExplorationType
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import LossModule
 
+from haim_torchrl.modules.temperature import Temperature
 from haim_torchrl.objectives.forward_pass import ForwardPass
 from haim_torchrl.objectives.networks import CriticFunction, PolicyFunction, critic_function
 
@@ -151,9 +152,12 @@ class LossTerm(LossModule):
         self._out_keys = keys
 
     def reset_parameters_recursive(self) -> None:
-        """Draws the parameters anew; targets become copies of what they follow."""
+        """Draws the parameters anew; targets become copies, a temperature its start value."""
         super().reset_parameters_recursive()
         self.synchronise_targets()
+        for child in self.children():
+            if isinstance(child, Temperature):
+                child.reset_parameters()
 
     def synchronise_targets(self) -> None:
         """Makes the targets copies of what they follow."""

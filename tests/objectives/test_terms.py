@@ -8,6 +8,7 @@ truncated. So the next actions are 2, 1 and 3.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
@@ -274,3 +275,12 @@ def test_n_step_batches_are_discounted_n_times(
     # Q' = s' + a' = 6, terminated, 9; y = 2 + 3, 0, 9 / 8
     expected = 0.5 * torch.tensor([5.0, 0.0, 1.125]) ** 2
     torch.testing.assert_close(evaluate(term, batch)["loss_explicit"], expected)
+
+
+def test_a_reset_takes_the_temperature_back_to_its_start(method: Any) -> None:
+    temperature = method.loss.terms["temperature"].temperature
+    start = temperature().item()
+    with torch.no_grad():
+        temperature.log_alpha.add_(1.0)
+    method.loss.reset_parameters_recursive()
+    assert temperature().item() == pytest.approx(start)
