@@ -20,7 +20,7 @@ from haim_torchrl.objectives.temporal_difference import TemporalDifferenceTerm
 class CostCriticLoss(TemporalDifferenceTerm):
     r"""Expected discounted cost of the agent's proposals.
 
-    .. math:: \tfrac12 (Q^C(s, a_{agent}) - y)^2,\quad y = C + \gamma \max Q'^C(s', a')
+    .. math:: \tfrac12 (Q^C(s, a_{agent}) - y)^2,\quad y = C + \gamma \min Q'^C(s', a')
 
     The critic has its own twins, targets and loss, and no other loss reaches it. It is regressed
     at the action that the agent *proposed*, also where the mentor did something else: the cost is
@@ -36,7 +36,9 @@ class CostCriticLoss(TemporalDifferenceTerm):
         actor_reduction: how the actor reduces the twins. ``"max"`` by default: a policy that
             minimises a value seeks out where it is underestimated, so the larger twin is the
             cautious one, as the smaller one is for a value that is maximised.
-        target_reduction: how the target reduces the twins, ``"max"`` for the same reason.
+        target_reduction: how the target reduces the twins. ``"min"`` by default, as in clipped
+            double Q-learning: with ``"max"`` each backup takes the larger twin, and the values were
+            seen to grow without end.
         reduction: ``"mean"``, ``"sum"`` or ``"none"``.
     """
 
@@ -58,7 +60,7 @@ class CostCriticLoss(TemporalDifferenceTerm):
         label: str | None = None,
         actor_weight: float = -1.0,
         actor_reduction: Reduction = "max",
-        target_reduction: Reduction = "max",
+        target_reduction: Reduction = "min",
         reduction: str | None = None,
     ) -> None:
         super().__init__(
@@ -119,7 +121,7 @@ class ImplicitInterventionLoss(CostCriticLoss):
     """Q^IM: how much a proposal will disturb the following traffic (eq 22).
 
     A proposal that the mentor replaced was never seen to disturb anybody, and its cost of 0 says
-    nothing about it: ``intervened=False`` leaves these steps out.
+    nothing about it: these steps are left out, unless ``intervened`` (decision 11).
 
     Args:
         actor_network: the agent's policy.
@@ -149,8 +151,8 @@ class ImplicitInterventionLoss(CostCriticLoss):
         label: str | None = None,
         actor_weight: float = -1.0,
         actor_reduction: Reduction = "max",
-        target_reduction: Reduction = "max",
-        intervened: bool = True,
+        target_reduction: Reduction = "min",
+        intervened: bool = False,
         reduction: str | None = None,
     ) -> None:
         super().__init__(

@@ -90,16 +90,16 @@ def cost_td_target(
     terminated: Tensor,
     *,
     gamma: Tensor | float,
-    reduction: Reduction = "max",
+    reduction: Reduction = "min",
 ) -> Tensor:
     r"""Target of a cost critic: implicit (eq 22) and explicit (eq 24) intervention.
 
-    .. math:: y = C + \gamma\,(1 - d)\,\max_e Q'_e(s', a')
+    .. math:: y = C + \gamma\,(1 - d)\,\min_e Q'_e(s', a')
 
     There is no entropy bonus: a cost critic counts expected costs only, and the exploration bonus
-    already is in the proxy critic and in the actor's objective. The maximum over twins is the
-    default because the policy *minimises* this value: what it would exploit is an underestimated
-    cost, so the pessimistic twin is the larger one.
+    already is in the proxy critic and in the actor's objective. The larger twin would be the
+    pessimistic one, since the policy *minimises* this value and exploits an underestimated cost;
+    but bootstrapped through the maximum the values grew without end, hence the minimum as default.
 
     Args:
         cost: cost of the transition, ``[..., 1]``.

@@ -91,7 +91,9 @@ def test_cost_losses(
     make_linear_critic: MakeCritic,
     batch: TensorDict,
 ) -> None:
-    term = kind(actor, make_linear_critic(*TWINS), reduction="none")
+    options = {"intervened": True} if kind is ImplicitInterventionLoss else {}
+    critic = make_linear_critic(*TWINS)
+    term = kind(actor, critic, target_reduction="max", reduction="none", **options)
     term.make_value_estimator(gamma=0.9)
     result = evaluate(term, batch)
     # The larger twin at s': 10, terminated, 15. No entropy. Q at the agent's proposal:
@@ -108,9 +110,7 @@ def test_cost_losses(
 def test_cost_loss_with_smaller_twin_and_own_names(
     actor: ProbabilisticActor, make_linear_critic: MakeCritic, batch: TensorDict
 ) -> None:
-    term = CostCriticLoss(
-        actor, make_linear_critic(*TWINS), label="risk", target_reduction="min", reduction="sum"
-    )
+    term = CostCriticLoss(actor, make_linear_critic(*TWINS), label="risk", reduction="sum")
     term.set_keys(cost="takeover_cost")
     term.make_value_estimator(gamma=0.5)
     targets = 2.0 + 0.5 * 8.0, 0.0, 0.5 * 12.0
@@ -140,16 +140,15 @@ def test_bounded_preference_averages_over_interventions(
 @pytest.mark.parametrize(
     ("reduction", "expected"), [("none", (0.0, 7.25, 182.8125)), ("mean", 95.03125)]
 )
-def test_the_disturbance_critic_can_leave_out_the_mentors_steps(
+def test_the_disturbance_critic_leaves_out_the_mentors_steps(
     reduction: str,
     expected: float | tuple[float, ...],
     actor: ProbabilisticActor,
     make_linear_critic: MakeCritic,
     batch: TensorDict,
 ) -> None:
-    term = ImplicitInterventionLoss(
-        actor, make_linear_critic(*TWINS), intervened=False, reduction=reduction
-    )
+    critic = make_linear_critic(*TWINS)
+    term = ImplicitInterventionLoss(actor, critic, target_reduction="max", reduction=reduction)
     term.make_value_estimator(gamma=0.9)
     # As above without the first: ((-1 - 0.5)^2 + (4 - 0.5)^2) / 2 and, with the target
     # 0.25 + 13.5, ((1 - 13.75)^2 + (-0.5 - 13.75)^2) / 2.
