@@ -1,4 +1,4 @@
-"""The results of several runs side by side: a row for each method, its seeds taken together."""
+"""The results of several runs side by side: methods with their seeds taken together."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def by_method(runs: Sequence[FinishedRun]) -> dict[str, list[FinishedRun]]:
     return groups
 
 
-class Column(NamedTuple):
-    """A column of the comparison."""
+class Line(NamedTuple):
+    """A line of the comparison."""
 
     heading: str
     decimals: int
@@ -102,28 +102,28 @@ def _own_brakes(run: FinishedRun) -> float:
     return 1000.0 * run.training("hard_brakes") / driven if driven else math.nan
 
 
-COLUMNS = (
-    Column("success", 2, lambda runs: nested_interval([run.episodes("success") for run in runs])),
-    Column("collisions per test episode", 2, _per_run(lambda run: run.test("violations"))),
-    Column("off road", 2, _per_run(lambda run: run.test("out_of_road"))),
-    Column("time-out", 2, _per_run(lambda run: run.test("timeout"))),
-    Column("speed [m/s]", 1, _per_run(lambda run: run.test("speed"))),
-    Column("disturbance rate", 4, _per_run(lambda run: run.test("disturbance_rate"))),
-    Column("hard brakes per 1000 own steps in training", 1, _per_run(_own_brakes)),
-    Column("collisions in training", 1, _per_run(lambda run: run.training("violations"))),
-    Column("mentor-driven steps", 0, _per_run(lambda run: run.training("mentor_steps"))),
-    Column("takeovers", 0, _per_run(lambda run: run.training("takeovers"))),
-    Column(
+LINES = (
+    Line("success", 2, lambda runs: nested_interval([run.episodes("success") for run in runs])),
+    Line("collisions per test episode", 2, _per_run(lambda run: run.test("violations"))),
+    Line("off road", 2, _per_run(lambda run: run.test("out_of_road"))),
+    Line("time-out", 2, _per_run(lambda run: run.test("timeout"))),
+    Line("speed [m/s]", 1, _per_run(lambda run: run.test("speed"))),
+    Line("disturbance rate", 4, _per_run(lambda run: run.test("disturbance_rate"))),
+    Line("hard brakes per 1000 own steps in training", 1, _per_run(_own_brakes)),
+    Line("collisions in training", 1, _per_run(lambda run: run.training("violations"))),
+    Line("mentor-driven steps", 0, _per_run(lambda run: run.training("mentor_steps"))),
+    Line("takeovers", 0, _per_run(lambda run: run.training("takeovers"))),
+    Line(
         "takeover rate, first fifth",
         2,
         _per_run(lambda run: run.training("takeover_rate_first_fifth")),
     ),
-    Column(
+    Line(
         "takeover rate, last fifth",
         2,
         _per_run(lambda run: run.training("takeover_rate_last_fifth")),
     ),
-    Column("minutes", 0, _per_run(lambda run: run.training("seconds") / 60.0)),
+    Line("minutes", 0, _per_run(lambda run: run.training("seconds") / 60.0)),
 )
 """Success has an interval over seeds and episodes, the others their lowest and highest run."""
 
@@ -139,31 +139,33 @@ def comparison_table(runs: Sequence[FinishedRun]) -> Table:
     for name in groups:
         table.add_column(name, justify="right")
     table.add_row("runs", *(str(len(group)) for group in groups.values()))
-    for heading, decimals, estimate in COLUMNS:
+    for heading, decimals, estimate in LINES:
         table.add_row(heading, *(cell(estimate(group), decimals) for group in groups.values()))
     return table
 
 
 def write_comparison(runs: Sequence[FinishedRun], folder: str | os.PathLike[str]) -> list[Path]:
-    """Write ``comparison.md``, a row for each method, and ``comparison.csv``, one for each run.
+    """Write ``comparison.md``, methods side by side, and ``comparison.csv``, a row for each run.
 
     Returns:
         Both paths.
     """
     markdown, table = Path(folder) / "comparison.md", Path(folder) / "comparison.csv"
+    groups = by_method(runs)
     lines = [
-        "| method | runs | " + " | ".join(column.heading for column in COLUMNS) + " |",
-        "|" + "---|" * (len(COLUMNS) + 2),
+        f"| | {' | '.join(groups)} |",
+        "|" + "---|" * (len(groups) + 1),
+        f"| runs | {' | '.join(str(len(group)) for group in groups.values())} |",
     ]
-    for name, group in by_method(runs).items():
-        cells = [cell(column.estimate(group), column.decimals) for column in COLUMNS]
-        lines.append(f"| {name} | {len(group)} | " + " | ".join(cells) + " |")
+    for heading, decimals, estimate in LINES:
+        cells = [cell(estimate(group), decimals) for group in groups.values()]
+        lines.append(f"| {heading} | {' | '.join(cells)} |")
     markdown.write_text("\n".join(lines) + "\n")
     with table.open("w", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(["method", "seed", *(column.heading for column in COLUMNS)])
+        writer.writerow(["method", "seed", *(line.heading for line in LINES)])
         for run in runs:
-            values = [column.estimate([run]).value for column in COLUMNS]
+            values = [line.estimate([run]).value for line in LINES]
             writer.writerow([run.method, run.metrics["seed"], *values])
     return [markdown, table]
 
@@ -192,7 +194,7 @@ def draw_comparison(runs: Sequence[FinishedRun], path: str | os.PathLike[str]) -
     figure = Figure(figsize=(11, 3.8), layout="constrained")
     success, validation, takeovers = figure.subplots(1, 3)
     for place, (name, group) in enumerate(groups.items()):
-        estimate = COLUMNS[0].estimate(group)
+        estimate = LINES[0].estimate(group)
         color = f"C{place % 10}"
         success.plot([estimate.low, estimate.high], [place, place], color=color, lw=2)
         success.plot(estimate.value, place, "o", color=color)
