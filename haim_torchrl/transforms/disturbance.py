@@ -88,6 +88,10 @@ class DisturbanceTransform(Transform):
         disturbance_cost(standing, standing, 10.0, 0.0, **self.options)
         hard_brake(standing, self.threshold)
 
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """``tensordict`` as it is: costs are charged while an environment steps."""
+        return tensordict
+
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         keys = self.keys
         acceleration = next_tensordict.get(keys.acceleration)

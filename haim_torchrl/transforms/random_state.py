@@ -52,6 +52,6 @@ class SimulatorRandomState(Transform):
             torch.set_rng_state(torch.tensor(saved["torch"], dtype=torch.uint8))
 
     def _generator(self) -> np.random.Generator | None:
-        if self.__dict__["_container"] is None:
+        if self.parent is None:
             return None
         return getattr(simulator_of(worker_env(self)), "np_random", None)

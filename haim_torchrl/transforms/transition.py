@@ -6,9 +6,15 @@ from collections.abc import Sequence
 
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey, unravel_key
+from torchrl.data import Composite
 from torchrl.envs import Transform
 
 from haim_torchrl.transforms.keys import DisturbanceKeys, InterventionKeys
+
+_NO_STEP = (
+    "TakeoverToTransition needs finished steps, with an entry 'next': make it the postproc of a "
+    "collector or a transform of a replay buffer, not of an environment."
+)
 
 
 class TakeoverToTransition(Transform):
@@ -52,9 +58,15 @@ class TakeoverToTransition(Transform):
         """Transition form of ``tensordict``."""
         return self._inv_call(tensordict)
 
+    def transform_input_spec(self, input_spec: Composite) -> Composite:
+        """Refuses an environment, whose steps are not finished when they pass here."""
+        raise RuntimeError(_NO_STEP)
+
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         keys = self.keys
-        following = tensordict.get("next")
+        following = tensordict.get("next", None)
+        if following is None:
+            raise KeyError(_NO_STEP)
         executed = following.get(keys.behavior_action, None)
         if executed is not None:
             following = following.copy()

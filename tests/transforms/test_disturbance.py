@@ -2,8 +2,8 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from torchrl.envs import GymEnv, SerialEnv, TransformedEnv
-from torchrl.envs.utils import check_env_specs, step_mdp
+from torchrl.envs import GymEnv, TransformedEnv
+from torchrl.envs.utils import step_mdp
 
 from haim_torchrl.mentors import FunctionMentor
 from haim_torchrl.switches import Always, Never
@@ -92,42 +92,6 @@ def test_standing_before_the_intervention_is_noticed(car):
     env = car(DisturbanceTransform(), InterventionTransform(pedal(0.0), Never()))
     with pytest.raises(RuntimeError, match="put it after"):
         follow(env, [-1.0])
-
-
-def test_zeros_at_reset_after_a_brake(car):
-    env = car(DisturbanceTransform())
-    follow(env, [-1.0])
-    reset = env.reset()
-    assert reset["acceleration"].item() == 0.0
-    for key in ("disturbance", "disturbance_onset", "disturbance_cost"):
-        assert not reset[key].any()
-    assert column(follow(env, [-1.0]), "disturbance_onset") == [True]
-
-
-def test_specs(car):
-    check_env_specs(car(DisturbanceTransform()))
-
-
-def test_around_a_batch_it_is_what_it_is_inside(car):
-    inside = SerialEnv(
-        2,
-        [
-            lambda: car(DisturbanceTransform(), speed=12.0),
-            lambda: car(DisturbanceTransform(), speed=8.0),
-        ],
-    )
-    around = TransformedEnv(
-        SerialEnv(2, [lambda: car(speed=12.0), lambda: car(speed=8.0)]), DisturbanceTransform()
-    )
-    check_env_specs(around)
-    results = []
-    for env in (inside, around):
-        step = env.reset()
-        step["action"] = torch.tensor([[-1.0, 0.0], [-0.5, 0.0]])
-        results.append(env.step(step)["next"])
-    for key in ("disturbance", "disturbance_onset", "disturbance_cost"):
-        assert torch.equal(results[0][key], results[1][key])
-    assert results[0]["disturbance"].squeeze(-1).tolist() == [True, False]
 
 
 @settings(

@@ -47,8 +47,3 @@ def test_torch_state_on_demand(with_torch):
     first = torch.rand(3)
     env.load_state_dict(state)
     assert torch.equal(torch.rand(3), first) is with_torch
-
-
-def test_harmless_outside_an_environment():
-    transform = SimulatorRandomState()
-    transform.load_state_dict(transform.state_dict())

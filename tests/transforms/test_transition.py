@@ -1,7 +1,6 @@
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from haim_torchrl.mentors import FunctionMentor
 from haim_torchrl.switches import ActionSwitch, Always
@@ -27,32 +26,6 @@ def rollout(car):
     return env.rollout(20)
 
 
-def test_action_and_flags_come_to_the_root(rollout):
-    transition = TakeoverToTransition()(rollout)
-    flag = transition["intervention"]
-    assert flag.any() and not flag.all()
-    assert torch.equal(
-        transition["action"],
-        torch.where(flag, transition["action_mentor"], transition["action_agent"]),
-    )
-    assert torch.equal(transition["action_agent"], rollout["action"])
-    assert torch.equal(flag, rollout["next", "intervention"])
-    assert torch.equal(transition["takeover_start"], rollout["next", "takeover_start"])
-    for cost in ("takeover_cost", "disturbance_cost", "disturbance"):
-        assert torch.equal(transition["next", cost], rollout["next", cost])
-
-
-def test_nothing_of_the_last_step_remains(rollout):
-    transition = TakeoverToTransition()(rollout)
-    for key in ("takeover_cost", "disturbance", "disturbance_onset", "disturbance_cost"):
-        assert key not in transition
-    assert "behavior_action" not in transition
-    left = {"action_agent", "action_mentor", "behavior_action", "intervention", "takeover_start"}
-    assert not left & set(transition["next"].keys())
-    assert {"observation", "speed"} <= set(transition.keys())
-    assert {"observation", "reward", "done"} <= set(transition["next"].keys())
-
-
 def test_has_the_documented_table(rollout):
     transition = TakeoverToTransition()(rollout)
     sizes = {"1": 1, "A": 2, "D": 1}
@@ -69,13 +42,6 @@ def test_input_stays_as_it_was(rollout):
     assert set(rollout.keys(True)) == set(before.keys(True))
 
 
-def test_twice_is_once(rollout):
-    once = TakeoverToTransition()(rollout)
-    twice = TakeoverToTransition()(once)
-    assert set(once.keys(True, True)) == set(twice.keys(True, True))
-    assert (once == twice).all()
-
-
 def test_any_batch_shape(rollout):
     transition = TakeoverToTransition()(torch.stack([rollout, rollout]))
     assert transition.batch_size == (2, 20)
@@ -87,21 +53,6 @@ def test_keeps_what_it_is_told_to(rollout):
     assert set(transition.keys(True, True)) == set(REPLAY_KEYS)
     assert ("next", "disturbance_cost") in REPLAY_KEYS
     assert ("next", "reward") not in REPLAY_KEYS
-
-
-def test_stored_and_sampled_by_a_replay_buffer(rollout):
-    buffer = TensorDictReplayBuffer(
-        storage=LazyTensorStorage(100), batch_size=20, transform=TakeoverToTransition(REPLAY_KEYS)
-    )
-    buffer.extend(rollout)
-    stored = buffer[:]
-    assert torch.equal(stored["action"], rollout["next", "behavior_action"])
-    sample = buffer.sample()
-    flag = sample["intervention"]
-    assert torch.equal(
-        sample["action"], torch.where(flag, sample["action_mentor"], sample["action_agent"])
-    )
-    assert "speed" not in sample
 
 
 def test_other_peoples_data_are_refused():
