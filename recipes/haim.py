@@ -49,7 +49,7 @@ from haim_torchrl.objectives import NonFiniteLossError, UpdateStep
 def train(config: DictConfig) -> Path:
     """Train, evaluate on held-out scenarios, and write everything to the run's folder."""
     device = prepare(config)
-    world = World.of(config, "train", takeovers=True)
+    world = World.of(config, "train", takeovers=True).recorded(config)
     sizes = Sizes.of_world(world)
 
     # The parts: one actor, its critics and losses, the replay, who collects.
@@ -104,7 +104,7 @@ def train(config: DictConfig) -> Path:
     ):
         # Algorithm 2. The agent proposes, the switch decides, the mentor may act: inside the
         # environment, so that each batch says who drove each step and what it cost.
-        for batch in collector:
+        for batch in run.batches():
             replay.extend(batch)
             log.add_batch(batch)
             try:

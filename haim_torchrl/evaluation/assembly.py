@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import os
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from tensordict import NestedKey
 from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.data.reflection import Reflection
+from haim_torchrl.data.session import SESSION_FILE, SessionError, read_session
 from haim_torchrl.evaluation.config import (
     ConfigError,
     ScenarioSet,
     check_config,
     find_device,
     plain,
+    replays_session,
     scenario_set,
 )
 from haim_torchrl.evaluation.drivers import (
@@ -34,7 +39,7 @@ from haim_torchrl.evaluation.drivers import (
     simulator_of,
 )
 from haim_torchrl.evaluation.training_log import ScalarLogger
-from haim_torchrl.transforms import InterventionTransform, TakeoverToTransition
+from haim_torchrl.transforms import InterventionTransform, SessionRecorder, TakeoverToTransition
 
 
 def build(node: Any, *args: Any, **kwargs: Any) -> Any:
@@ -78,11 +83,25 @@ def prepare(config: DictConfig) -> torch.device:
         Where networks and updates compute.
     """
     check_config(config)
+    if replays_session(config) and "total_frames" in config:
+        _check_length(config)
     torch.set_num_threads(config.threads)
     random.seed(config.seed)
     np.random.seed(config.seed % 2**32)
     torch.manual_seed(config.seed)
     return find_device(config.device)
+
+
+def _check_length(config: DictConfig) -> None:
+    try:
+        session = read_session(config.mentor.session)
+    except SessionError as error:
+        raise ConfigError(str(error)) from error
+    if len(session) < config.total_frames:
+        raise ConfigError(
+            f"session {session.path} ends after {len(session)} steps and total_frames is "
+            f"{config.total_frames}; use total_frames of at most the former"
+        )
 
 
 @dataclass(frozen=True)
@@ -96,6 +115,7 @@ class World:
         mentor: Settings of the mentor.
         switch: Settings of the switch; None for an environment without takeovers.
         takeover_cost: Cost of a takeover's first step, such as ``"cosine"``.
+        record: Arguments of the recorder that writes down what is driven; None for none.
     """
 
     env: Mapping[str, Any]
@@ -104,6 +124,7 @@ class World:
     mentor: Mapping[str, Any]
     switch: Mapping[str, Any] | None = None
     takeover_cost: Any = "cosine"
+    record: Mapping[str, Any] | None = None
 
     @classmethod
     def of(cls, config: DictConfig, scenarios: str, *, takeovers: bool) -> World:
@@ -139,6 +160,8 @@ class World:
                 mentor, switch = partial(build, self.mentor), partial(build, self.switch)
                 env.append_transform(InterventionTransform(mentor, switch, cost=self.takeover_cost))
             env.append_transform(disturbance)
+            if self.record is not None:
+                env.append_transform(SessionRecorder(**self.record))
             env.observation_spec  # noqa: B018  the transforms look at it here, not later
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             base.close()
@@ -149,9 +172,23 @@ class World:
         """Seeds of its scenarios."""
         return self.scenarios.seeds()
 
+    def recorded(self, config: DictConfig) -> World:
+        """The same world, which writes what is driven in it to the run's folder (``record``)."""
+        if not config.record:
+            return self
+        return replace(
+            self,
+            record={
+                "path": Path(HydraConfig.get().runtime.output_dir) / SESSION_FILE,
+                "process": os.getpid(),
+                "seed": config.seed,
+                "settings": OmegaConf.to_yaml(config),
+            },
+        )
+
     def without_mentor(self) -> World:
         """The same world with nobody to take over."""
-        return replace(self, switch=None)
+        return replace(self, switch=None, record=None)
 
 
 @dataclass(frozen=True)

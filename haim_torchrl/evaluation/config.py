@@ -124,12 +124,15 @@ class RunConfig(BaseConfig):
         compile: Whether to compile the losses; worth it for long runs only.
         total_frames: Environment steps of training.
         resume: Run folder or checkpoint to go on from; null for a new run.
+        record: Whether to write every step to ``session.jsonl``, from which the run can be driven
+            again; false stands for runs from before the setting.
         train: How collecting and learning alternate.
     """
 
     compile: bool = False
     total_frames: int = 30_000
     resume: str | None = None
+    record: bool = False
     replay: dict[str, Any] = field(default_factory=dict)
     critic: dict[str, Any] = field(default_factory=dict)
     optimizer: dict[str, Any] = field(default_factory=dict)
@@ -249,6 +252,8 @@ def check_config(config: DictConfig) -> None:
         raise ConfigError(f"eval.workers must be at least 1; got {config.eval.workers}")
     check_scenarios(config.eval)
     find_device(config.device)
+    if replays_session(config):
+        _check_session(config)
     if "train" in config:
         _check_training(config)
     if "clone" in config:
@@ -257,6 +262,34 @@ def check_config(config: DictConfig) -> None:
             raise ConfigError(
                 f"clone.loss_function must be l2 or nll; got {config.clone.loss_function}"
             )
+
+
+def replays_session(config: Any) -> bool:
+    """Whether the mentor is a recorded session that is to be driven again."""
+    return str(config.mentor.get("_target_", "")).endswith(".ReplayMentor")
+
+
+def _check_session(config: DictConfig) -> None:
+    if "train" not in config:
+        driver = config.get("driver", "mentor")
+        if any("mentor" in name for name in ([driver] if isinstance(driver, str) else driver)):
+            raise ConfigError(
+                "mentor=replay drives the training of recipes/haim.py again and nothing else; "
+                "choose another mentor, such as mentor=expert switch=shield"
+            )
+        return
+    if config.mentor.session is None:
+        raise ConfigError(
+            "mentor.session has no value; give a session file or the folder of a recorded run"
+        )
+    if not str(config.switch.get("_target_", "")).endswith(".RequestSwitch"):
+        raise ConfigError(
+            "mentor=replay needs switch=request, because the session says who drove each step"
+        )
+    if config.collector.get("num_workers", 0):
+        raise ConfigError(
+            "mentor=replay needs collector=sync: one session was driven in one simulator"
+        )
 
 
 def _check_at_least(settings: Any, group: str, **lowest: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -10,10 +10,12 @@ import torch
 from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
+from tensordict import TensorDictBase
 from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.collectors import resume_collector
+from haim_torchrl.data.session import SessionError
 from haim_torchrl.evaluation.assembly import World
 from haim_torchrl.evaluation.checkpoint import (
     CheckpointError,
@@ -143,6 +145,17 @@ class Run:
         """Folder of the checkpoints."""
         return self.folder / "checkpoints"
 
+    def batches(self) -> Iterator[TensorDictBase]:
+        """What the collector collects.
+
+        Raises:
+            RunFailed: If it drives a session again, and that ends or is departed from.
+        """
+        try:
+            yield from self.collector
+        except SessionError as error:
+            raise RunFailed(str(error)) from error
+
     def save(self) -> Path:
         """Write ``checkpoints/last.pt`` and begin a new episode.
 
@@ -195,7 +208,10 @@ class Run:
                 f"checkpoint {path} has all its {self.schedule.frames} steps already; give a "
                 "larger total_frames to go on, or evaluate it with recipes/evaluate.py"
             )
-        resume_collector(self.collector, contents["collector"])
+        try:
+            resume_collector(self.collector, contents["collector"])
+        except SessionError as error:
+            raise CheckpointError(f"checkpoint {path} cannot be gone on from: {error}") from error
         self.log.restart_episodes()
         self._choices = dict(contents["choices"])
         restore_random_state(contents["random"])
@@ -284,6 +300,12 @@ def resumed_config(config: DictConfig, hydra: HydraConf) -> DictConfig:
                 f"{text} cannot be combined with resume, which keeps the run's own "
                 f"{key}={parts.get(key)}; start a new run to change it"
             )
+    recorded = bool(saved.get("record", False))
+    if result.record != recorded:
+        raise ConfigError(
+            f"record={result.record} cannot be combined with resume, which keeps the run's own "
+            f"record={recorded}; start a new run to change it"
+        )
     return result
 
 

@@ -67,6 +67,51 @@ class RequestingMentor(Mentor, Protocol):
         ...
 
 
+@runtime_checkable
+class ProposingMentor(Mentor, Protocol):
+    """A mentor that speaks for the agent, too, as in a session that is driven again."""
+
+    def before_reset(self, simulator: Any) -> None:
+        """Make the episode that is about to be drawn the one that is wanted.
+
+        Called before the simulator resets, perhaps more than once.
+        """
+
+    def proposal(self, simulator: Any, tensordict: TensorDictBase) -> Tensor:
+        """What takes the place of the agent's action, shape ``[A]``.
+
+        Called exactly once for each step, before the switch is asked.
+        """
+        ...
+
+
+@runtime_checkable
+class StatefulMentor(Mentor, Protocol):
+    """A mentor that remembers something from episode to episode; a checkpoint keeps it."""
+
+    def get_state(self) -> dict[str, Any]:
+        """What it remembers: plain numbers, strings and tensors."""
+        ...
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from there with a new episode."""
+
+
+@runtime_checkable
+class DeviceMentor(Mentor, Protocol):
+    """A mentor who is read from a device, such as a person's wheel; sessions record this."""
+
+    @property
+    def device_ok(self) -> bool:
+        """Whether the device works: connected, and heard of lately."""
+        ...
+
+    @property
+    def latency_ms(self) -> float | None:
+        """Delay of the input that the last step used [ms]; None if it is not known."""
+        ...
+
+
 MentorFactory: TypeAlias = Callable[[], Mentor]
 """Builds a mentor inside the worker that needs it. Classes and ``functools.partial`` objects do;
 device handles and simulators do not travel between processes, and a factory need not carry any."""

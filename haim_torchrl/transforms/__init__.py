@@ -11,6 +11,7 @@ from haim_torchrl.transforms.keys import (
     KeyEntry,
 )
 from haim_torchrl.transforms.random_state import SimulatorRandomState
+from haim_torchrl.transforms.recording import SessionRecorder
 from haim_torchrl.transforms.transition import TakeoverToTransition
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "InterventionKeys",
     "InterventionTransform",
     "KeyEntry",
+    "SessionRecorder",
     "SimulatorRandomState",
     "TakeoverToTransition",
     "check_intervention_specs",

@@ -7,13 +7,19 @@ import math
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, TypeAlias
 
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data.tensor_specs import Binary, Bounded, Composite, TensorSpec, Unbounded
 from torchrl.envs import EnvBase, Transform
 
-from haim_torchrl.mentors.protocol import Mentor, MentorFactory
+from haim_torchrl.mentors.protocol import (
+    Mentor,
+    MentorFactory,
+    ProposingMentor,
+    StatefulMentor,
+)
 from haim_torchrl.objectives.functional import (
     constant_takeover_cost,
     distance_takeover_cost,
@@ -39,13 +45,22 @@ class _Worker(NamedTuple):
 
     simulator: Any
     mentor: Mentor
+    proposing: ProposingMentor | None
     action_spec: TensorSpec
     low: list[float] | None
     high: list[float] | None
 
 
-class _Decision(NamedTuple):
-    """Who controls the step that is about to be taken, and with what."""
+class Decision(NamedTuple):
+    """Who controls a step, and with what.
+
+    Attributes:
+        agent: What the agent proposes, ``[A]``.
+        mentor: What the mentor does, ``[A]``; zeros where it does not drive.
+        executed: What the simulator executes, ``[A]``.
+        intervening: Whether the mentor drives.
+        starting: Whether a takeover starts.
+    """
 
     agent: Tensor
     mentor: Tensor
@@ -74,6 +89,10 @@ class InterventionTransform(Transform):
     :class:`~haim_torchrl.transforms.TakeoverToTransition` makes the documented transition of it.
     ``intervention`` is a state entry too: a step reads the last step's flag from its input, which
     makes ``takeover_start`` exact through partial resets and worker processes.
+
+    A :class:`~haim_torchrl.mentors.ProposingMentor` speaks for the agent, too: what it proposes
+    takes the place of the action given, is what the switch sees, and is published as
+    ``action_agent``. A :class:`~haim_torchrl.mentors.StatefulMentor` is kept in ``state_dict``.
 
     Args:
         mentor_factory: builds the mentor, in the process that steps the simulator.
@@ -134,16 +153,27 @@ class InterventionTransform(Transform):
         self.switch = _own_switch(switch)
         self.cost = _cost_function(cost)
         self.simulator = simulator or simulator_of
+        self.random_state: dict[str, Any] | None = None
+        """State of the simulator's generator before the present episode was drawn."""
         self._worker: _Worker | None = None
-        self._decision: _Decision | None = None
+        self._decision: Decision | None = None
 
     @property
     def mentor(self) -> Mentor:
         """The mentor of this environment, built at first use."""
         return self._get_worker().mentor
 
+    @property
+    def decision(self) -> Decision | None:
+        """Who controls the present step; None after a reset."""
+        return self._decision
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """``tensordict`` as it is: without an environment there is nobody to take over."""
+        return tensordict
+
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        if self.__dict__["_container"] is None:
+        if self._worker is None and self.parent is None:
             return tensordict  # in a replay buffer there is nobody to take over
         worker, keys = self._worker or self._get_worker(), self.keys
         flag = tensordict.get(keys.intervention, None)
@@ -154,6 +184,9 @@ class InterventionTransform(Transform):
             )
         proposed = tensordict.get(keys.action)
         agent = proposed.detach().cpu()
+        if worker.proposing is not None:
+            agent = _read_proposal(worker, tensordict)
+            tensordict.set(keys.action, agent.to(proposed.device))
         was_intervening = bool(flag)
         situation = Situation(
             worker.simulator,
@@ -166,9 +199,9 @@ class InterventionTransform(Transform):
         if self.switch(situation):
             mentor = executed = situation.mentor_action()
             tensordict.set(keys.action, mentor.to(proposed.device))
-            self._decision = _Decision(agent, mentor, executed, True, not was_intervening)
+            self._decision = Decision(agent, mentor, executed, True, not was_intervening)
         else:
-            self._decision = _Decision(agent, torch.zeros_like(agent), agent, False, False)
+            self._decision = Decision(agent, torch.zeros_like(agent), agent, False, False)
         return tensordict
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -186,6 +219,16 @@ class InterventionTransform(Transform):
         next_tensordict.set(keys.takeover_start, starting)
         next_tensordict.set(keys.takeover_cost, cost)
         return next_tensordict
+
+    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
+        tensordict = super()._reset_env_preprocess(tensordict)
+        worker = self._worker or self._get_worker()
+        if worker.proposing is not None:
+            worker.proposing.before_reset(worker.simulator)
+        generator = getattr(worker.simulator, "np_random", None)
+        if isinstance(generator, np.random.Generator):
+            self.random_state = dict(generator.bit_generator.state)
+        return tensordict
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -239,6 +282,21 @@ class InterventionTransform(Transform):
     def __getstate__(self) -> dict[str, Any]:
         return super().__getstate__() | {"_worker": None, "_decision": None}
 
+    def _save_to_state_dict(
+        self, destination: dict[str, Any], prefix: str, keep_vars: bool
+    ) -> None:
+        super()._save_to_state_dict(destination, prefix, keep_vars)
+        if self._worker is not None and isinstance(self._worker.mentor, StatefulMentor):
+            destination[f"{prefix}mentor"] = self._worker.mentor.get_state()
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
+        key = f"{prefix}mentor"
+        if key in state_dict:
+            mentor = self.mentor
+            if isinstance(mentor, StatefulMentor):
+                mentor.set_state(state_dict.pop(key))
+        super()._load_from_state_dict(state_dict, prefix, *rest)
+
     def _get_action_spec(self) -> TensorSpec:
         worker_env(self)
         specs = self.parent.full_action_spec
@@ -263,7 +321,8 @@ class InterventionTransform(Transform):
                 low = spec.space.low.expand(spec.shape).flatten().tolist()
                 high = spec.space.high.expand(spec.shape).flatten().tolist()
             simulator = self.simulator(worker_env(self))
-            self._worker = _Worker(simulator, mentor, spec, low, high)
+            proposing = mentor if isinstance(mentor, ProposingMentor) else None
+            self._worker = _Worker(simulator, mentor, proposing, spec, low, high)
         return self._worker
 
     def _read_mentor(self, simulator: Any, tensordict: TensorDictBase) -> Tensor:
@@ -296,6 +355,19 @@ class InterventionTransform(Transform):
                 torch.tensor(worker.high).view(spec.shape),
             )
         return action
+
+
+def _read_proposal(worker: _Worker, tensordict: TensorDictBase) -> Tensor:
+    """What a proposing mentor says in the agent's place; as an agent's, its bounds are its own."""
+    assert worker.proposing is not None
+    action = torch.as_tensor(worker.proposing.proposal(worker.simulator, tensordict)).detach()
+    spec = worker.action_spec
+    if action.shape != spec.shape:
+        raise ValueError(
+            f"{type(worker.mentor).__name__}.proposal returned shape {tuple(action.shape)}, and "
+            f"the action has shape {tuple(spec.shape)}."
+        )
+    return action.to(device="cpu", dtype=spec.dtype, copy=True)
 
 
 def _is_instance_of_mentor(candidate: object) -> bool:
