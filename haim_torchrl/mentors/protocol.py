@@ -62,8 +62,13 @@ class DensityMentor(Mentor, Protocol):
 class RequestingMentor(Mentor, Protocol):
     """A mentor that decides by itself when it wants control, as a person at a wheel does."""
 
-    def requests_control(self, simulator: Any) -> bool:
-        """Whether the mentor wants control of this step."""
+    def requests_control(self, simulator: Any, action_agent: Tensor) -> bool:
+        """Whether the mentor wants control of this step; asked once a step, before :meth:`act`.
+
+        Args:
+            simulator: the unwrapped simulator behind the environment.
+            action_agent: what the agent proposes, ``[A]``.
+        """
         ...
 
 

@@ -111,7 +111,7 @@ class ReplayMentor:
         self._step = step
         return torch.tensor(step.action_agent, dtype=torch.float64)
 
-    def requests_control(self, simulator: Any) -> bool:
+    def requests_control(self, simulator: Any, action_agent: Tensor) -> bool:
         """Whether the mentor drove the recorded step."""
         return self._present().intervention
 

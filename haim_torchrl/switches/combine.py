@@ -44,10 +44,10 @@ class RequestSwitch:
         request = getattr(situation.mentor, "requests_control", None)
         if request is None:
             raise TypeError(
-                f"RequestSwitch needs a mentor with a method requests_control(simulator), and "
+                f"RequestSwitch needs a mentor with requests_control(simulator, action_agent), and "
                 f"{type(situation.mentor).__name__} has none: use another switch."
             )
-        return bool(request(situation.simulator))
+        return bool(request(situation.simulator, situation.action_agent))
 
 
 def _is_memoryless(switch: Switch) -> bool:

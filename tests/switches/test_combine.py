@@ -150,7 +150,7 @@ def test_request_switch_asks_the_mentor(situation):
 
         def act(self, simulator, tensordict): ...
 
-        def requests_control(self, simulator):
+        def requests_control(self, simulator, action_agent):
             return simulator == "alarm"
 
     assert RequestSwitch()(situation(simulator="alarm", who=Person())[0]) is True

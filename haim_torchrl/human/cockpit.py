@@ -1,0 +1,280 @@
+"""Real time around an environment: holds the pace, waits for the person, shows the scene."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.data.tensor_specs import Binary, Composite, Unbounded
+from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
+
+from haim_torchrl.evaluation.recording import Recordable
+from haim_torchrl.human.clock import Clock
+from haim_torchrl.human.console import Console, Figures, Frame, PersonQuit, Scene
+from haim_torchrl.human.controls import Action
+from haim_torchrl.human.mentor import HumanMentor
+from haim_torchrl.transforms.intervention import Decision, InterventionTransform
+from haim_torchrl.transforms.worker import simulator_of, worker_env
+
+LOOK_EVERY = 0.03
+"""Seconds between two looks at the console while nothing moves."""
+WINDOW = 2000
+"""Steps behind the takeover rate shown."""
+
+
+class _Parts(NamedTuple):
+    """Whom a cockpit serves; a tuple, since a module would take its parts for parts of itself."""
+
+    simulator: Any
+    takeover: InterventionTransform | None
+    person: HumanMentor | None
+    console: Console | None
+
+
+class Cockpit(Transform):
+    """Drives an environment in real time, in front of a person if there is one.
+
+    It goes last, on the side of the simulator: its part before the step is then the first, so that
+    the pace is held, and a pause waited out, *before* the mentor is asked for what to do now. A
+    person at a console is found in the
+    :class:`~haim_torchrl.transforms.InterventionTransform` before it, or given as ``console`` to
+    watch an agent that nobody can take over from.
+
+    Written under ``next``: ``step_time [1]``, seconds between this step and the one before, NaN
+    for the first step of an episode and after a pause; ``device_ok [1]`` bool.
+
+    Args:
+        pace: steps per second; None drives as fast as it goes.
+        total_steps: steps of the whole run, for what is left; 0 if it has no end.
+        steps_before: steps that an earlier part of the run drove.
+        console: shows the scene where there is no person who can take over.
+        coach: makes a hint in small print of each step, from
+            ``(simulator, decision, next_tensordict)``.
+
+    Raises:
+        ValueError: if the pace is not positive.
+    """
+
+    invertible = True
+
+    def __init__(
+        self,
+        pace: float | None = 10.0,
+        *,
+        total_steps: int = 0,
+        steps_before: int = 0,
+        console: Console | None = None,
+        coach: Callable[[Any, Decision, TensorDictBase], str] | None = None,
+    ) -> None:
+        super().__init__(in_keys=[], out_keys=["step_time", "device_ok"])
+        self.pace = pace
+        self.total_steps = total_steps
+        self.clock = None if pace is None else Clock(pace)
+        self._parts: _Parts | None = None
+        self.__dict__["_given"] = (console, coach)
+        self._figures = Figures(steps=steps_before, total_steps=total_steps)
+        self._driven: deque[bool] = deque(maxlen=WINDOW)
+        self._frame: Frame | None = None
+        self._episode, self._step_time = -1, float("nan")
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if self._parts is None and self.parent is None:
+            return tensordict
+        parts = self._get_parts()
+        if parts.console is not None and self._wait_for_person(parts) and self.clock is not None:
+            self.clock.restart()
+        passed = None if self.clock is None else self.clock.wait()
+        self._step_time = float("nan") if passed is None else passed
+        return tensordict
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        parts = self._get_parts()
+        next_tensordict.set("step_time", torch.full((1,), self._step_time))
+        ok = parts.person is None or parts.person.device_ok
+        next_tensordict.set("device_ok", torch.full((1,), ok))
+        if parts.console is not None and self._frame is not None:
+            self._frame = self._next_frame(parts, self._frame, next_tensordict)
+            parts.console.show(self._frame)
+        return next_tensordict
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        parts = self._get_parts()
+        if self.clock is not None:
+            self.clock.restart()
+        tensordict_reset.set("step_time", torch.full((1,), float("nan")))
+        tensordict_reset.set("device_ok", torch.ones(1, dtype=torch.bool))
+        if parts.console is not None:
+            simulator = parts.simulator
+            parts.console.open()
+            self._episode += 1
+            parts.console.begin(
+                Scene(self._episode, simulator.scenario_labels(), simulator.road_polylines())
+            )
+            self._frame = Frame(self._episode, 0, simulator.snapshot(), figures=self._figures)
+            parts.console.show(self._frame)
+        return tensordict_reset
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Add the two published entries."""
+        device = observation_spec.device
+        observation_spec["step_time"] = Unbounded(shape=(1,), device=device)
+        observation_spec["device_ok"] = Binary(1, shape=(1,), dtype=torch.bool, device=device)
+        return observation_spec
+
+    def close(self) -> None:
+        """Close the console."""
+        if self._parts is not None and self._parts.console is not None:
+            self._parts.console.close()
+
+    def set_container(self, container: Transform | EnvBase) -> None:
+        """Attach to an environment, and say at once if it is one without a simulator."""
+        super().set_container(container)
+        self._parts = None
+        if isinstance(container, EnvBase):
+            worker_env(self)
+
+    def clone(self) -> Cockpit:
+        """A cockpit like this one, without environment."""
+        twin = super().clone()
+        twin._parts = None
+        return twin
+
+    def __getstate__(self) -> dict[str, Any]:
+        return super().__getstate__() | {"_parts": None}
+
+    # The person.
+    def _wait_for_person(self, parts: _Parts) -> bool:
+        """Wait while nothing may move; whether there was anything to wait for."""
+        waited, shown = False, None
+        while True:
+            if parts.person is not None:
+                notice = parts.person.hold()
+                quitting = parts.person.reading.quit
+            else:
+                assert parts.console is not None
+                reading = parts.console.read()
+                notice, quitting = "paused" if reading.paused else None, reading.quit
+            if quitting:
+                _quit()
+            if notice is None:
+                break
+            waited = True
+            if self._frame is not None and notice != shown:
+                ok = parts.person is None or parts.person.device_ok
+                parts.console.show(replace(self._frame, notice=notice, device_ok=ok))  # type: ignore[union-attr]
+                shown = notice
+            time.sleep(LOOK_EVERY)
+        return waited
+
+    def _next_frame(self, parts: _Parts, last: Frame, after: TensorDictBase) -> Frame:
+        decision = None if parts.takeover is None else parts.takeover.decision
+        person, (_, coach) = parts.person, self._given
+        self._count(decision, after)
+        fallback = person is not None and person.falling_back
+        hint = last.hint
+        if coach is not None and decision is not None:
+            hint = coach(parts.simulator, decision, after)
+        driven = decision is not None and decision.intervening
+        return Frame(
+            episode=self._episode,
+            step=last.step + 1,
+            snapshot=parts.simulator.snapshot(),
+            driver="agent" if not driven else "fallback" if fallback else "person",
+            **({} if decision is None else _actions(decision)),
+            takeover=driven,
+            disturbance=_flag(after, "disturbance"),
+            cost=_number(after, "cost"),
+            takeover_cost=_number(after, "takeover_cost"),
+            disturbance_cost=_number(after, "disturbance_cost"),
+            figures=self._figures,
+            device_ok=person is None or person.device_ok,
+            latency_ms=None if person is None else person.latency_ms,
+            hint=hint,
+        )
+
+    def _count(self, decision: Decision | None, after: TensorDictBase) -> None:
+        before, driven = self._figures, decision is not None and decision.intervening
+        self._driven.append(driven)
+        steps = before.steps + 1
+        left = max(self.total_steps - steps, 0) / self.pace if self.pace else None
+        self._figures = replace(
+            before,
+            steps=steps,
+            seconds_left=left if self.total_steps else None,
+            episodes=before.episodes + _flag(after, "done"),
+            successes=before.successes + _flag(after, "success"),
+            violations=before.violations + round(_number(after, "cost")),
+            takeovers=before.takeovers + (decision is not None and decision.starting),
+            takeover_rate=sum(self._driven) / len(self._driven),
+        )
+
+    def _get_parts(self) -> _Parts:
+        if self._parts is None:
+            base = worker_env(self)
+            takeover = _takeover_before(self)
+            console = self._given[0]
+            person = None
+            if takeover is not None and isinstance(takeover.mentor, HumanMentor):
+                person = takeover.mentor
+                console = person.console
+            simulator = simulator_of(base) if takeover is None else takeover.simulator(base)
+            if console is not None and not isinstance(simulator, Recordable):
+                raise TypeError(
+                    f"{type(simulator).__name__} cannot be shown to a person: it lacks snapshot(), "
+                    "road_polylines() or scenario_labels()."
+                )
+            self._parts = _Parts(simulator, takeover, person, console)
+        return self._parts
+
+
+def _quit() -> None:
+    """End the run: in the learner's process by an exception, else as Ctrl-C there would."""
+    parent = multiprocessing.parent_process()
+    if parent is None or parent.pid is None:
+        raise PersonQuit
+    os.kill(parent.pid, signal.SIGINT)
+    while parent.is_alive():  # which ends this process
+        time.sleep(LOOK_EVERY)
+
+
+def _takeover_before(transform: Transform) -> InterventionTransform | None:
+    env = transform.container
+    while isinstance(env, TransformedEnv):
+        chain = env.transform
+        for part in chain.transforms if isinstance(chain, Compose) else [chain]:
+            if isinstance(part, InterventionTransform):
+                return part
+        env = env.base_env
+    return None
+
+
+def _actions(decision: Decision) -> dict[str, Any]:
+    return {
+        "action": _pair(decision.executed),
+        "action_agent": _pair(decision.agent),
+        "action_mentor": _pair(decision.mentor),
+    }
+
+
+def _pair(action: torch.Tensor) -> Action:
+    acceleration, steering = action.tolist()
+    return (acceleration, steering)
+
+
+def _number(tensordict: TensorDictBase, key: str) -> float:
+    value = tensordict.get(key, None)
+    return 0.0 if value is None else float(value)
+
+
+def _flag(tensordict: TensorDictBase, key: str) -> bool:
+    return _number(tensordict, key) > 0.0
