@@ -17,6 +17,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from haim_torchrl.collectors import shutting_down
 from haim_torchrl.evaluation.assembly import (
     Sizes,
     World,
@@ -36,6 +37,7 @@ from haim_torchrl.evaluation.command import (
     run_command,
 )
 from haim_torchrl.evaluation.drivers import PolicyDriver
+from haim_torchrl.evaluation.person import check_person, show_alone
 from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.report import final_report
 from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
@@ -49,6 +51,7 @@ from haim_torchrl.objectives import NonFiniteLossError, UpdateStep
 def train(config: DictConfig) -> Path:
     """Train, evaluate on held-out scenarios, and write everything to the run's folder."""
     device = prepare(config)
+    check_person(config)
     world = World.of(config, "train", takeovers=True).recorded(config)
     sizes = Sizes.of_world(world)
 
@@ -81,7 +84,7 @@ def train(config: DictConfig) -> Path:
     )
     logger = build_logger(config)
     folder = open_folder(config)
-    log = TrainingLog(folder, logger)
+    log = TrainingLog(folder, logger, pace=config.collector.get("pace"))
     schedule = Schedule(config.train, config.total_frames)
     run = Run(
         folder,
@@ -99,12 +102,13 @@ def train(config: DictConfig) -> Path:
         run.load(config.resume)
 
     with (
+        shutting_down(collector),
         InterruptFlag() as interrupt,
         ProgressLine(config.total_frames, schedule.frames, label=job_label()) as progress,
     ):
         # Algorithm 2. The agent proposes, the switch decides, the mentor may act: inside the
         # environment, so that each batch says who drove each step and what it cost.
-        for batch in run.batches():
+        for batch in run.batches(interrupt):
             replay.extend(batch)
             log.add_batch(batch)
             try:
@@ -127,12 +131,12 @@ def train(config: DictConfig) -> Path:
             if schedule.due("validate"):
                 success = run.validate().overall["success"].value
                 progress.note(f"{schedule.frames} steps: success {success:.2f} on validation")
-            if schedule.due("checkpoint") or interrupt:
+            if schedule.due("checkpoint"):
                 run.save()
-            if interrupt:
-                print(f"saved; go on with: python recipes/haim.py resume={folder}")
-                sys.exit(INTERRUPTED)
-    collector.shutdown()
+        if interrupt:
+            run.save()
+            print(f"saved; go on with: python recipes/haim.py resume={folder}")
+            sys.exit(INTERRUPTED)
 
     first, last = log.takeover_rates()
     totals = {
@@ -140,10 +144,14 @@ def train(config: DictConfig) -> Path:
         "takeover_rate_first_fifth": first,
         "takeover_rate_last_fifth": last,
         "peak_memory_mib": peak_memory(),
+        **log.step_times.figures(),
     }
     chosen = load_policy(run.checkpoints / f"{config.eval.checkpoint}.pt", actor)
     about = {key: chosen[key] for key in ("frames", "validation") if key in chosen}
     final_report(folder, config, PolicyDriver(actor), totals, about)
+    if log.step_times.figures():
+        print(log.step_times)
+    show_alone(config, PolicyDriver(actor))
     print(f"everything is in {folder}")
     return folder
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.envs.utils import ExplorationType
 
 from haim_torchrl.collectors.acting import as_acting_policy
+from haim_torchrl.human.cockpit import Cockpit
 from haim_torchrl.transforms.keys import InterventionKeys
 from haim_torchrl.transforms.random_state import SimulatorRandomState
 from haim_torchrl.transforms.transition import TakeoverToTransition
@@ -33,6 +35,7 @@ def make_collector(
     num_workers: int = 0,
     init_random_frames: int = 0,
     seed: int | None = None,
+    pace: float | None = None,
     device: DeviceLike | None = None,
     storing_device: DeviceLike | None = None,
     exploration_type: ExplorationType = ExplorationType.RANDOM,
@@ -71,6 +74,8 @@ def make_collector(
         init_random_frames: steps of uniform actions at the start.
         seed: seeds the simulators, a different stream for each worker, and torch in the workers;
             torch in this process is the caller's to seed.
+        pace: steps per second, held by a :class:`~haim_torchrl.human.Cockpit`; by default it
+            drives as fast as it goes.
         device: where the policy acts, by default the CPU whatever device it is trained on: for
             one observation at a time a small network is fastest there. A copy is made if needed.
         storing_device: where batches are put; by default they stay on the CPU.
@@ -114,10 +119,12 @@ def make_collector(
         )
     seeds = np.random.SeedSequence(seed).spawn(len(factories)) if seed is not None else None
     builders = [
-        _CollectedEnv(
+        CollectedEnv(
             factory,
             seed=None if seeds is None else int(seeds[index].generate_state(1)[0]),
             in_worker=num_workers > 0,
+            pace=pace,
+            total_frames=total_frames,
         )
         for index, factory in enumerate(factories)
     ]
@@ -148,7 +155,32 @@ def make_collector(
     return collector
 
 
-def resume_collector(collector: BaseCollector, state: dict[str, Any]) -> None:
+@contextmanager
+def shutting_down(collector: Resumable) -> Iterator[None]:
+    """Shut a collector down however the block ends, or its processes would outlive it."""
+    try:
+        yield
+    finally:
+        collector.shutdown()
+
+
+class Resumable(Protocol):
+    """A collector as far as going on from a checkpoint needs it."""
+
+    def load_state_dict(self, state_dict: Any) -> Any:
+        """Take over what was saved."""
+        ...
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        ...
+
+    def shutdown(self) -> Any:
+        """End its processes and close its environments."""
+        ...
+
+
+def resume_collector(collector: Resumable, state: dict[str, Any]) -> None:
     """Continue collecting where ``state = collector.state_dict()`` was saved.
 
     Restores the counts of frames, the policy's weights and the random state of the simulators,
@@ -162,25 +194,50 @@ def resume_collector(collector: BaseCollector, state: dict[str, Any]) -> None:
     collector.reset()
 
 
-class _CollectedEnv:
-    """Builds an environment, seeds it and gives it a random state to save."""
+class CollectedEnv:
+    """Builds an environment as collectors drive it: seeded, resumable, and paced if wanted.
 
-    def __init__(self, factory: EnvFactory, seed: int | None, in_worker: bool) -> None:
+    Args:
+        factory: builds the bare one.
+        seed: of the simulator, and of torch where the environment runs in a worker.
+        in_worker: whether it will run in a process of its own.
+        pace: steps per second; None drives as fast as it goes, without a cockpit.
+        total_frames: steps of the whole run, for what a person is shown.
+    """
+
+    def __init__(
+        self,
+        factory: EnvFactory,
+        seed: int | None,
+        in_worker: bool,
+        *,
+        pace: float | None = None,
+        total_frames: int = 0,
+    ) -> None:
         self.factory = factory
         self.seed = seed
         self.in_worker = in_worker
+        self.pace = pace
+        self.total_frames = max(total_frames, 0)
 
     def __call__(self) -> EnvBase:
+        """A new environment."""
         env = self.factory()
         if not env.batch_size:
             if not isinstance(env, TransformedEnv):
                 env = TransformedEnv(env)
             env.append_transform(SimulatorRandomState(with_torch=self.in_worker))
+            if self.pace is not None:
+                env.append_transform(self.make_cockpit(self.pace))
         if self.seed is not None:
             env.set_seed(self.seed)
             if self.in_worker:
                 torch.manual_seed(self.seed)
         return env
+
+    def make_cockpit(self, pace: float) -> Cockpit:
+        """What holds the pace and serves the person."""
+        return Cockpit(pace, total_steps=self.total_frames)
 
 
 def _acting_device(

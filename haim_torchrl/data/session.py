@@ -130,6 +130,14 @@ def find_session(path: str | os.PathLike[str]) -> Path:
     return file
 
 
+def next_free(path: Path) -> Path:
+    """``path`` if it is free, else with the first free number, such as ``session_2.jsonl``."""
+    free, number = path, 2
+    while free.exists():
+        free, number = path.with_name(f"{path.stem}_{number}{path.suffix}"), number + 1
+    return free
+
+
 def read_session(path: str | os.PathLike[str]) -> Session:
     """Read a session whole.
 

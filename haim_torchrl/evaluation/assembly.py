@@ -21,11 +21,12 @@ from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.data.reflection import Reflection
-from haim_torchrl.data.session import SESSION_FILE, SessionError, read_session
+from haim_torchrl.data.session import SESSION_FILE, SessionError, next_free, read_session
 from haim_torchrl.evaluation.config import (
     ConfigError,
     ScenarioSet,
     check_config,
+    drives_live,
     find_device,
     plain,
     replays_session,
@@ -176,11 +177,14 @@ class World:
         """The same world, which writes what is driven in it to the run's folder (``record``)."""
         if not config.record:
             return self
+        live = drives_live(config)
+        path = Path(HydraConfig.get().runtime.output_dir) / SESSION_FILE
         return replace(
             self,
             record={
-                "path": Path(HydraConfig.get().runtime.output_dir) / SESSION_FILE,
-                "process": os.getpid(),
+                # A live run goes on with a new file: what a person drove is never cut off.
+                "path": next_free(path) if live else path,
+                "process": None if live else os.getpid(),
                 "seed": config.seed,
                 "settings": OmegaConf.to_yaml(config),
             },

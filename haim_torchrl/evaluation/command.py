@@ -169,10 +169,14 @@ class InterruptFlag:
         """Whether Ctrl-C was pressed."""
         return self._wished
 
+    def wish(self) -> None:
+        """Do as if Ctrl-C had been pressed."""
+        self._wished = True
+
     def __enter__(self) -> InterruptFlag:
         """Listen."""
         self._former = signal.getsignal(signal.SIGINT)
-        signal.signal(signal.SIGINT, self._wish)
+        signal.signal(signal.SIGINT, self._on_signal)
         return self
 
     def __exit__(
@@ -184,7 +188,7 @@ class InterruptFlag:
         """Listen no more."""
         signal.signal(signal.SIGINT, self._former)
 
-    def _wish(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if self._wished:
             raise KeyboardInterrupt
         self._wished = True

@@ -81,6 +81,7 @@ class EvalConfig:
         workers: Processes of the final evaluation.
         level: Confidence level of the intervals.
         pictures: Whether to draw pictures and the GIF at the end.
+        show: Episodes that a person who was the mentor watches the trained agent drive alone.
     """
 
     train: ScenarioSet = field(default_factory=ScenarioSet)
@@ -91,6 +92,7 @@ class EvalConfig:
     workers: int = 1
     level: float = 0.95
     pictures: bool = True
+    show: int = 3
 
 
 @dataclass
@@ -113,6 +115,7 @@ class BaseConfig:
     switch: dict[str, Any] = field(default_factory=dict)
     loss: dict[str, Any] = field(default_factory=dict)
     actor: dict[str, Any] = field(default_factory=dict)
+    collector: dict[str, Any] = field(default_factory=dict)
     eval: EvalConfig = field(default_factory=EvalConfig)
 
 
@@ -136,7 +139,6 @@ class RunConfig(BaseConfig):
     replay: dict[str, Any] = field(default_factory=dict)
     critic: dict[str, Any] = field(default_factory=dict)
     optimizer: dict[str, Any] = field(default_factory=dict)
-    collector: dict[str, Any] = field(default_factory=dict)
     logger: dict[str, Any] = field(default_factory=dict)
     train: TrainConfig = field(default_factory=TrainConfig)
 
@@ -262,6 +264,11 @@ def check_config(config: DictConfig) -> None:
             raise ConfigError(
                 f"clone.loss_function must be l2 or nll; got {config.clone.loss_function}"
             )
+
+
+def drives_live(config: Any) -> bool:
+    """Whether the environment is driven in a process that does not wait for the learner."""
+    return str(config.collector.get("_target_", "")).endswith(".LiveCollector")
 
 
 def replays_session(config: Any) -> bool:

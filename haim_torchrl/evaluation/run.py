@@ -14,7 +14,7 @@ from tensordict import TensorDictBase
 from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
-from haim_torchrl.collectors import resume_collector
+from haim_torchrl.collectors import LiveCollector, LiveCollectorError, resume_collector
 from haim_torchrl.data.session import SessionError
 from haim_torchrl.evaluation.assembly import World
 from haim_torchrl.evaluation.checkpoint import (
@@ -26,12 +26,13 @@ from haim_torchrl.evaluation.checkpoint import (
     restore_random_state,
     save_checkpoint,
 )
-from haim_torchrl.evaluation.command import RunFailed
+from haim_torchrl.evaluation.command import InterruptFlag, RunFailed
 from haim_torchrl.evaluation.config import BaseConfig, ConfigError, RunConfig
 from haim_torchrl.evaluation.drivers import PolicyDriver
 from haim_torchrl.evaluation.evaluator import evaluate
 from haim_torchrl.evaluation.metrics import Summary
 from haim_torchrl.evaluation.training_log import TrainingLog
+from haim_torchrl.human import PersonQuit
 from haim_torchrl.modules import PolicyAverage
 
 
@@ -118,7 +119,7 @@ class Run:
         *,
         actor: ProbabilisticActor,
         average: PolicyAverage,
-        collector: BaseCollector,
+        collector: BaseCollector | LiveCollector,
         log: TrainingLog,
         schedule: Schedule,
         **parts: Stateful,
@@ -145,22 +146,33 @@ class Run:
         """Folder of the checkpoints."""
         return self.folder / "checkpoints"
 
-    def batches(self) -> Iterator[TensorDictBase]:
-        """What the collector collects.
+    def batches(self, interrupt: InterruptFlag) -> Iterator[TensorDictBase]:
+        """What the collector collects, until it ends or the run is interrupted.
+
+        Args:
+            interrupt: looked at before each batch, and told when the person who drives quits.
 
         Raises:
-            RunFailed: If it drives a session again, and that ends or is departed from.
+            RunFailed: If it drives a session again, and that ends or is departed from, or if a
+                live collector cannot go on.
         """
         try:
-            yield from self.collector
-        except SessionError as error:
-            raise RunFailed(str(error)) from error
+            for batch in self.collector:
+                if batch.batch_size.numel():  # live collectors hand out empty ones in a pause
+                    yield batch
+                if interrupt:
+                    return
+        except PersonQuit:
+            interrupt.wish()
+        except (SessionError, LiveCollectorError) as error:
+            raise RunFailed(f"{error}. The last good checkpoint is {self.last()}.") from error
 
     def save(self) -> Path:
         """Write ``checkpoints/last.pt`` and begin a new episode.
 
         Simulators cannot save the middle of an episode. A resumed run has to begin a new one, so
-        this one does the same, and both see the same from here on.
+        this one does the same, and both see the same from here on; except for a live collector,
+        since a person's drive is not cut short.
         """
         path = save_checkpoint(
             self.checkpoints / "last.pt",
@@ -177,7 +189,8 @@ class Run:
                 "random": random_state(),
             },
         )
-        self._new_episode()
+        if not isinstance(self.collector, LiveCollector):
+            self._new_episode()
         return path
 
     def load(self, source: str) -> None:

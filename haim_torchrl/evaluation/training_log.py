@@ -16,6 +16,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from haim_torchrl.evaluation.metrics import EpisodeMeter, EpisodeRecord, steps_of
+from haim_torchrl.evaluation.real_time import StepTimes
 
 
 class ScalarLogger(Protocol):
@@ -82,6 +83,7 @@ class TrainingLog:
         folder: Where the files go.
         logger: A ``torchrl.record`` logger such as TensorBoard or W&B, or None.
         window: Number of last episodes behind the success shown.
+        pace: Steps per second that the run is to keep; None for none.
     """
 
     def __init__(
@@ -89,12 +91,14 @@ class TrainingLog:
         folder: str | os.PathLike[str],
         logger: ScalarLogger | None = None,
         window: int = 20,
+        pace: float | None = None,
     ) -> None:
         self.folder = Path(folder)
         self._logger = logger
         self._train = CsvTable(self.folder / "train.csv")
         self._episodes = CsvTable(self.folder / "episodes.csv")
         self._validation = CsvTable(self.folder / "validation.csv")
+        self.step_times = StepTimes(pace)
         self._meters: list[EpisodeMeter] = []
         self._recent: deque[bool] = deque(maxlen=window)
         self.totals: dict[str, float] = dict.fromkeys(
@@ -136,6 +140,7 @@ class TrainingLog:
         Returns:
             The episodes that ended in it.
         """
+        self.step_times.add(batch)
         rows = steps_of(batch)
         while len(self._meters) < len(rows):
             self._meters.append(EpisodeMeter())

@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from multiprocessing.synchronize import Event
 from typing import Any, NamedTuple
 
 import torch
@@ -58,6 +59,8 @@ class Cockpit(Transform):
         console: shows the scene where there is no person who can take over.
         coach: makes a hint in small print of each step, from
             ``(simulator, decision, next_tensordict)``.
+        stop: in a process that only drives: is set when the learner has ended. Until then the
+            cockpit drives ``total_steps`` and waits.
 
     Raises:
         ValueError: if the pace is not positive.
@@ -73,6 +76,7 @@ class Cockpit(Transform):
         steps_before: int = 0,
         console: Console | None = None,
         coach: Callable[[Any, Decision, TensorDictBase], str] | None = None,
+        stop: Event | None = None,
     ) -> None:
         super().__init__(in_keys=[], out_keys=["step_time", "device_ok"])
         self.pace = pace
@@ -80,7 +84,9 @@ class Cockpit(Transform):
         self.clock = None if pace is None else Clock(pace)
         self._parts: _Parts | None = None
         self.__dict__["_given"] = (console, coach)
+        self.stop = stop
         self._figures = Figures(steps=steps_before, total_steps=total_steps)
+        self._steps = steps_before
         self._driven: deque[bool] = deque(maxlen=WINDOW)
         self._frame: Frame | None = None
         self._episode, self._step_time = -1, float("nan")
@@ -89,6 +95,8 @@ class Cockpit(Transform):
         if self._parts is None and self.parent is None:
             return tensordict
         parts = self._get_parts()
+        if self.stop is not None and self._steps == self.total_steps:
+            self._wait_for_learner(parts)
         if parts.console is not None and self._wait_for_person(parts) and self.clock is not None:
             self.clock.restart()
         passed = None if self.clock is None else self.clock.wait()
@@ -97,6 +105,7 @@ class Cockpit(Transform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         parts = self._get_parts()
+        self._steps += 1
         next_tensordict.set("step_time", torch.full((1,), self._step_time))
         ok = parts.person is None or parts.person.device_ok
         next_tensordict.set("device_ok", torch.full((1,), ok))
@@ -165,7 +174,8 @@ class Cockpit(Transform):
                 reading = parts.console.read()
                 notice, quitting = "paused" if reading.paused else None, reading.quit
             if quitting:
-                _quit()
+                self._quit()
+            self._end_with_learner()
             if notice is None:
                 break
             waited = True
@@ -175,6 +185,33 @@ class Cockpit(Transform):
                 shown = notice
             time.sleep(LOOK_EVERY)
         return waited
+
+    def _wait_for_learner(self, parts: _Parts) -> None:
+        """All steps are driven, and the learner, which ends this process, may be behind."""
+        if parts.console is not None and self._frame is not None:
+            parts.console.show(replace(self._frame, notice="all steps are driven"))
+        while True:
+            self._end_with_learner()
+            if parts.console is not None:
+                parts.console.read()
+            time.sleep(LOOK_EVERY)
+
+    def _quit(self) -> None:
+        """End the run: in the learner's process by an exception, else as Ctrl-C there would."""
+        parent = multiprocessing.parent_process()
+        if parent is None or parent.pid is None:
+            raise PersonQuit
+        os.kill(parent.pid, signal.SIGINT)
+        while True:
+            self._end_with_learner()
+            time.sleep(LOOK_EVERY)
+
+    def _end_with_learner(self) -> None:
+        """End this process, quietly, if it drives for a learner that has ended."""
+        parent = multiprocessing.parent_process()
+        gone = parent is not None and not parent.is_alive()
+        if gone or (self.stop is not None and self.stop.is_set()):
+            raise KeyboardInterrupt
 
     def _next_frame(self, parts: _Parts, last: Frame, after: TensorDictBase) -> Frame:
         decision = None if parts.takeover is None else parts.takeover.decision
@@ -205,7 +242,7 @@ class Cockpit(Transform):
     def _count(self, decision: Decision | None, after: TensorDictBase) -> None:
         before, driven = self._figures, decision is not None and decision.intervening
         self._driven.append(driven)
-        steps = before.steps + 1
+        steps = self._steps
         left = max(self.total_steps - steps, 0) / self.pace if self.pace else None
         self._figures = replace(
             before,
@@ -235,16 +272,6 @@ class Cockpit(Transform):
                 )
             self._parts = _Parts(simulator, takeover, person, console)
         return self._parts
-
-
-def _quit() -> None:
-    """End the run: in the learner's process by an exception, else as Ctrl-C there would."""
-    parent = multiprocessing.parent_process()
-    if parent is None or parent.pid is None:
-        raise PersonQuit
-    os.kill(parent.pid, signal.SIGINT)
-    while parent.is_alive():  # which ends this process
-        time.sleep(LOOK_EVERY)
 
 
 def _takeover_before(transform: Transform) -> InterventionTransform | None:
