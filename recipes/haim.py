@@ -37,7 +37,7 @@ from haim_torchrl.evaluation.command import (
     run_command,
 )
 from haim_torchrl.evaluation.drivers import PolicyDriver
-from haim_torchrl.evaluation.person import check_person, show_alone
+from haim_torchrl.evaluation.person import check_person, say_how_it_was, show_alone
 from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.report import final_report
 from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
@@ -151,6 +151,7 @@ def train(config: DictConfig) -> Path:
     final_report(folder, config, PolicyDriver(actor), totals, about)
     if log.step_times.figures():
         print(log.step_times)
+    say_how_it_was(config, folder, replay, actor)
     show_alone(config, PolicyDriver(actor))
     print(f"everything is in {folder}")
     return folder

@@ -85,7 +85,12 @@ class SessionWriter:
 
     @classmethod
     def resume(cls, path: str | os.PathLike[str], steps: int) -> SessionWriter:
-        """Go on with a session after its first ``steps`` steps; what follows them is dropped.
+        """Go on with a session after its first ``steps`` steps.
+
+        What follows them is kept beside the file, in ``<stem>.after-<steps>.jsonl``, or with a
+        number if that exists (``.after-<steps>.2.jsonl``): a session of its own, whose steps keep
+        their numbers. It is on the disk before the file is cut. If the steps that follow were
+        damaged they are kept as they are, and cannot be read as a session.
 
         Args:
             path: The session.
@@ -114,6 +119,7 @@ class SessionWriter:
                 "was saved; put the whole file back, or start a new run"
             )
         stream = FileIO(file, "r+")
+        _keep_aside(file, steps, end)
         stream.truncate(end)
         stream.seek(end)
         writer = cls.__new__(cls)
@@ -251,6 +257,45 @@ def _keep_synced(writer: weakref.ref[SessionWriter], closing: threading.Event) -
                 present._failure = error
             return
         del present
+
+
+def _keep_aside(file: Path, steps: int, end: int) -> None:
+    """Write what stands in a session after its first ``end`` bytes to a file beside it."""
+    try:
+        content = _as_session(file, end)
+    except SessionError:
+        whole = file.read_bytes()
+        content = whole[: whole.index(b"\n") + 1] + whole[end:]
+    if not content:
+        return
+    number, aside = 2, file.with_name(f"{file.stem}.after-{steps}{file.suffix}")
+    while aside.exists():
+        aside = file.with_name(f"{file.stem}.after-{steps}.{number}{file.suffix}")
+        number += 1
+    with aside.open("xb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _as_session(file: Path, end: int) -> bytes:
+    """The steps after the first ``end`` bytes of a session as one of their own; empty for none."""
+    content, checksum, steps = bytearray(), 0, 0
+    begins: dict[str, Any] | None = None  # the episode, if it was not written yet
+    for line in read_lines(file):
+        if line.kind == "episode":
+            begins = line.entry
+        if line.kind == "header":
+            entries = [line.entry]
+        elif line.kind == "step" and line.end > end:
+            entries = [line.entry] if begins is None else [begins, line.entry]
+            begins, steps = None, steps + 1
+        else:
+            continue
+        for entry in entries:
+            sealed, checksum = seal(encode(entry), checksum)
+            content += sealed
+    return bytes(content) if steps else b""
 
 
 def _versions() -> dict[str, str]:

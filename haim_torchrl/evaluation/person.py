@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig
+from tensordict import TensorDict
 from torchrl.envs import TransformedEnv
+from torchrl.modules import ProbabilisticActor
 
+from haim_torchrl.coach import report_of
+from haim_torchrl.data import TakeoverReplayBuffer
+from haim_torchrl.data.session import SessionError
 from haim_torchrl.evaluation.assembly import World, build
 from haim_torchrl.evaluation.config import ConfigError, plain
-from haim_torchrl.evaluation.drivers import Driver
+from haim_torchrl.evaluation.drivers import Driver, PolicyDriver
 from haim_torchrl.evaluation.evaluator import drive_episode
 from haim_torchrl.human import Cockpit, ConsoleError, PersonQuit
 from haim_torchrl.human.availability import check_console
+from haim_torchrl.human.takeovers import TakeoverError
 
 
 def is_person(config: Any) -> bool:
@@ -51,6 +58,35 @@ def check_person(config: DictConfig) -> None:
         check_console(plain(config.mentor))
     except ConsoleError as error:
         raise ConfigError(str(error)) from error
+
+
+def say_how_it_was(
+    config: DictConfig, folder: Path, replay: TakeoverReplayBuffer, actor: ProbabilisticActor
+) -> None:
+    """Print what the coach has to say after the run, to a person.
+
+    Args:
+        config: Settings of the run.
+        folder: Its folder.
+        replay: Its transitions; the mentor-driven ones show whether they changed the policy.
+        actor: The trained policy.
+    """
+    if not is_person(config) or not config.record:
+        return
+    kept, driver = replay.intervened.columns(), PolicyDriver(actor)
+    known: dict[str, Any] = {}
+    needed = ("observation", "action_agent", "action_mentor", "intervention")
+    if all(key in kept for key in needed):
+        rows = {key: kept[key] for key in needed}
+        known["transitions"] = TensorDict(rows, [len(replay.intervened)]).cpu()
+        known["policy"] = lambda seen: driver.act(None, TensorDict({"observation": seen}))
+    try:
+        report = report_of(folder, **known)
+    except (SessionError, TakeoverError) as error:
+        print(f"the coach has nothing to say: {error}")
+        return
+    (folder / "coach.txt").write_text(f"{report}\n")
+    print(f"\n{report}")
 
 
 def show_alone(config: DictConfig, driver: Driver) -> None:

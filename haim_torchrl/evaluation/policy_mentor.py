@@ -11,11 +11,12 @@ from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.evaluation.assembly import Sizes, World, build_actor
 from haim_torchrl.evaluation.checkpoint import find_checkpoint, load_checkpoint
+from haim_torchrl.evaluation.config import ConfigError
 from haim_torchrl.evaluation.run import load_policy, saved_config
 from haim_torchrl.mentors.policy import PolicyMentor
 
 
-def policy_mentor(checkpoint: str | os.PathLike[str]) -> PolicyMentor:
+def policy_mentor(checkpoint: str | os.PathLike[str] | None) -> PolicyMentor:
     """The policy of a run as a mentor; loaded at first use, in the process that needs it.
 
     Args:
@@ -23,7 +24,12 @@ def policy_mentor(checkpoint: str | os.PathLike[str]) -> PolicyMentor:
 
     Raises:
         CheckpointError: If there is none.
+        ConfigError: If none is named.
     """
+    if checkpoint is None:
+        raise ConfigError(
+            "mentor.checkpoint has no value; give a run's folder, or a checkpoint of a policy"
+        )
     return PolicyMentor(partial(_load, find_checkpoint(str(checkpoint))))
 
 

@@ -1,40 +1,26 @@
-"""Helps a person to take over well: a hint in each step, and a report after the run.
-
-``python -m haim_torchrl.human.coach runs/<folder>`` prints the report of any recorded session.
-"""
+"""Watches a person take over, and helps them to do it well."""
 
 from __future__ import annotations
 
-import argparse
-import itertools
 import math
 import os
-import sys
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 
-from haim_torchrl.data.session import Session, SessionError, read_session, scenario_of
-from haim_torchrl.human.coach_report import CoachReport, make_report
+from haim_torchrl.data.session import scenario_of
 from haim_torchrl.human.takeovers import (
     ENOUGH,
-    TAKEOVERS_FILE,
     Takeover,
-    TakeoverError,
     append_takeover,
     hint,
     place,
-    read_takeovers,
 )
 from haim_torchrl.switches.protocol import Forecasting
 from haim_torchrl.transforms.intervention import Decision
-
-__all__ = ["Coach", "CoachReport", "main", "make_report"]
 
 RECENT_TAKEOVERS, RECENT_STEPS = 20, 600
 """What a hint is about: the last takeovers, and the last minute of steps of 0.1 s."""
@@ -136,41 +122,3 @@ class Coach:
         self.takeovers.append(takeover)
         if self.path is not None:
             append_takeover(self.path, takeover)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """The command: print the report of a run.
-
-    Raises:
-        SystemExit: With code 2 after one sentence, if there is nothing to report.
-    """
-    parser = argparse.ArgumentParser(
-        prog="python -m haim_torchrl.human.coach",
-        description="Says how a run's takeovers were, from its session and its takeovers.jsonl.",
-    )
-    parser.add_argument("run", type=Path, help="a run's folder, or a session file")
-    parser.add_argument("--time-step", type=float, default=0.1, help="duration of a step [s]")
-    given = parser.parse_args(arguments)
-    try:
-        session = _read(given.run)
-        kept = session.path.with_name(TAKEOVERS_FILE)
-        takeovers = read_takeovers(kept) if kept.is_file() else []
-    except (SessionError, TakeoverError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-    print(make_report(takeovers, session, time_step=given.time_step))
-
-
-def _read(run: Path) -> Session:
-    """The session of a run: one file, or several where it was gone on with in another."""
-    first = read_session(run)
-    if not run.is_dir():
-        return first
-    parts = {file.stem.rpartition("_")[2]: file for file in run.glob("session_*.jsonl")}
-    numbers = sorted(int(number) for number in parts if number.isdecimal())
-    rest = [read_session(parts[str(number)]).episodes for number in numbers]
-    return replace(first, episodes=[*first.episodes, *itertools.chain(*rest)])
-
-
-if __name__ == "__main__":
-    main()

@@ -7,7 +7,7 @@ import os
 import signal
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from multiprocessing.synchronize import Event
 from typing import Any, NamedTuple
@@ -19,10 +19,13 @@ from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
 from haim_torchrl.evaluation.recording import Recordable
 from haim_torchrl.human.clock import Clock
+from haim_torchrl.human.coach import Coach
 from haim_torchrl.human.console import Console, Figures, Frame, PersonQuit, Scene
 from haim_torchrl.human.controls import Action
 from haim_torchrl.human.mentor import HumanMentor
+from haim_torchrl.human.takeovers import TAKEOVERS_FILE
 from haim_torchrl.transforms.intervention import Decision, InterventionTransform
+from haim_torchrl.transforms.recording import SessionRecorder
 from haim_torchrl.transforms.worker import simulator_of, worker_env
 
 LOOK_EVERY = 0.03
@@ -38,10 +41,14 @@ class _Parts(NamedTuple):
     takeover: InterventionTransform | None
     person: HumanMentor | None
     console: Console | None
+    coach: Coach | None
 
 
 class Cockpit(Transform):
     """Drives an environment in real time, in front of a person if there is one.
+
+    With a console comes a :class:`~haim_torchrl.human.coach.Coach`, who keeps the takeovers beside
+    the session if one is written.
 
     It goes last, on the side of the simulator: its part before the step is then the first, so that
     the pace is held, and a pause waited out, *before* the mentor is asked for what to do now. A
@@ -57,8 +64,6 @@ class Cockpit(Transform):
         total_steps: steps of the whole run, for what is left; 0 if it has no end.
         steps_before: steps that an earlier part of the run drove.
         console: shows the scene where there is no person who can take over.
-        coach: makes a hint in small print of each step, from
-            ``(simulator, decision, next_tensordict)``.
         stop: in a process that only drives: is set when the learner has ended. Until then the
             cockpit drives ``total_steps`` and waits.
 
@@ -75,7 +80,6 @@ class Cockpit(Transform):
         total_steps: int = 0,
         steps_before: int = 0,
         console: Console | None = None,
-        coach: Callable[[Any, Decision, TensorDictBase], str] | None = None,
         stop: Event | None = None,
     ) -> None:
         super().__init__(in_keys=[], out_keys=["step_time", "device_ok"])
@@ -83,7 +87,7 @@ class Cockpit(Transform):
         self.total_steps = total_steps
         self.clock = None if pace is None else Clock(pace)
         self._parts: _Parts | None = None
-        self.__dict__["_given"] = (console, coach)
+        self.__dict__["_given"] = console
         self.stop = stop
         self._figures = Figures(steps=steps_before, total_steps=total_steps)
         self._steps = steps_before
@@ -139,6 +143,11 @@ class Cockpit(Transform):
         observation_spec["step_time"] = Unbounded(shape=(1,), device=device)
         observation_spec["device_ok"] = Binary(1, shape=(1,), dtype=torch.bool, device=device)
         return observation_spec
+
+    @property
+    def coach(self) -> Coach | None:
+        """Who watches the takeovers, if anybody is shown any."""
+        return self._get_parts().coach
 
     def close(self) -> None:
         """Close the console."""
@@ -215,12 +224,12 @@ class Cockpit(Transform):
 
     def _next_frame(self, parts: _Parts, last: Frame, after: TensorDictBase) -> Frame:
         decision = None if parts.takeover is None else parts.takeover.decision
-        person, (_, coach) = parts.person, self._given
+        person = parts.person
         self._count(decision, after)
         fallback = person is not None and person.falling_back
-        hint = last.hint
-        if coach is not None and decision is not None:
-            hint = coach(parts.simulator, decision, after)
+        hint = ""
+        if parts.coach is not None and decision is not None:
+            hint = parts.coach(parts.simulator, decision, after)
         driven = decision is not None and decision.intervening
         return Frame(
             episode=self._episode,
@@ -255,12 +264,17 @@ class Cockpit(Transform):
             takeover_rate=sum(self._driven) / len(self._driven),
         )
 
+    def _make_coach(self) -> Coach:
+        recorder = next((t for t in _before(self) if isinstance(t, SessionRecorder)), None)
+        path = None if recorder is None else recorder.path.with_name(TAKEOVERS_FILE)
+        return Coach(path, steps_before=self._steps)
+
     def _get_parts(self) -> _Parts:
         if self._parts is None:
             base = worker_env(self)
-            takeover = _takeover_before(self)
-            console = self._given[0]
-            person = None
+            takeovers = (t for t in _before(self) if isinstance(t, InterventionTransform))
+            takeover = next(takeovers, None)
+            console, person, coach = self._given, None, None
             if takeover is not None and isinstance(takeover.mentor, HumanMentor):
                 person = takeover.mentor
                 console = person.console
@@ -270,19 +284,19 @@ class Cockpit(Transform):
                     f"{type(simulator).__name__} cannot be shown to a person: it lacks snapshot(), "
                     "road_polylines() or scenario_labels()."
                 )
-            self._parts = _Parts(simulator, takeover, person, console)
+            if console is not None and takeover is not None:
+                coach = self._make_coach()
+            self._parts = _Parts(simulator, takeover, person, console, coach)
         return self._parts
 
 
-def _takeover_before(transform: Transform) -> InterventionTransform | None:
+def _before(transform: Transform) -> Iterator[Transform]:
+    """The transforms of an environment, those of the innermost last."""
     env = transform.container
     while isinstance(env, TransformedEnv):
         chain = env.transform
-        for part in chain.transforms if isinstance(chain, Compose) else [chain]:
-            if isinstance(part, InterventionTransform):
-                return part
+        yield from chain.transforms if isinstance(chain, Compose) else [chain]
         env = env.base_env
-    return None
 
 
 def _actions(decision: Decision) -> dict[str, Any]:

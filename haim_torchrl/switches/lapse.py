@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from haim_torchrl.mentors.stream import EpisodeStream
 from haim_torchrl.switches.protocol import Situation, Switch
 
 
@@ -13,21 +14,30 @@ class Lapse:
     On each step on which ``switch`` fires while the agent drives, attention lapses with
     probability ``rate``, and then nothing is noticed for ``steps`` steps. The paper's κ is that
     of single steps (``steps=1``); a person who looks away misses more than a tenth of a second.
-    Who is in control does not lapse. Draws come from torch's generator, as exploration does, so
-    that a seeded run repeats itself.
+    Who is in control does not lapse.
+
+    Draws come from a generator of its own (:class:`~haim_torchrl.mentors.stream.EpisodeStream`),
+    so that exploration and learning draw the same whether there are lapses, or a session of them
+    is driven again. They follow from ``seed`` and from the simulator's generator at the start of
+    the episode: a seeded run repeats them and workers differ. A run that is gone on with from a
+    checkpoint draws what it would have drawn, as far as resets draw from the simulator's generator;
+    where they do not, its lapses are those of a run's start.
 
     Args:
         switch: what should trigger.
         rate: probability of a lapse, in [0, 1].
         steps: length of a lapse in environment steps.
+        seed: of its draws.
 
     Raises:
-        ValueError: if the rate is no probability, or a lapse has no length.
+        ValueError: if the rate is no probability, a lapse has no length, or the seed is negative.
     """
 
     memoryless = False
 
-    def __init__(self, switch: Switch, rate: float = 0.1, steps: int = 10) -> None:
+    def __init__(
+        self, switch: Switch, rate: float = 0.1, steps: int = 10, *, seed: int = 0
+    ) -> None:
         if not 0.0 <= rate <= 1.0:
             raise ValueError(f"rate is {rate}: the probability of a lapse lies in [0, 1].")
         if steps < 1:
@@ -35,11 +45,13 @@ class Lapse:
         self.switch = switch
         self.rate = float(rate)
         self.steps = int(steps)
+        self._stream = EpisodeStream(seed, "lapses")
         self._left = 0
 
     def reset(self) -> None:
         """Be attentive and reset the trigger."""
         self.switch.reset()
+        self._stream.reset()
         self._left = 0
 
     def __call__(self, situation: Situation) -> bool:
@@ -50,7 +62,8 @@ class Lapse:
             return False
         if not fires or situation.was_intervening:
             return bool(fires)
-        if torch.rand(()) < self.rate:
+        generator = self._stream.generator(situation.simulator)
+        if torch.rand((), generator=generator) < self.rate:
             self._left = self.steps - 1
             return False
         return True

@@ -35,7 +35,7 @@ class SessionRecorder(Transform):
     file (:class:`~haim_torchrl.data.SessionWriter`) is opened with the first step, in the process
     that drives it, and closed with the environment. ``state_dict`` holds the number of steps, so
     that an environment which goes on from a checkpoint goes on with its session; steps that were
-    driven after the checkpoint are dropped.
+    driven after the checkpoint are kept in a file beside it.
 
     Args:
         path: File to write.

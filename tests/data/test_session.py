@@ -197,6 +197,49 @@ def test_a_session_goes_on_after_any_step(short: Path, kept: int, cut: int) -> N
     assert last.episode == (before[kept - 1].episode + 1 if kept else 0)
 
 
+@pytest.mark.parametrize("kept", [0, 1, 2, 3])
+def test_what_follows_a_checkpoint_is_kept_aside(short: Path, kept: int) -> None:
+    before = read_session(short)
+    SessionWriter.resume(short, kept).close()
+    aside = read_session(short.with_name(f"short.after-{kept}.jsonl"))
+    assert list(read_session(short).steps()) == list(before.steps())[:kept]
+    assert list(aside.steps()) == list(before.steps())[kept:]
+    assert aside.header == before.header
+    assert [(e.number, e.scenario) for e in aside.episodes] == [(0, 7), (1, 8)][kept // 2 :]
+
+
+def test_nothing_is_overwritten_by_what_is_kept_aside(short: Path) -> None:
+    for number in range(3):
+        with SessionWriter.resume(short, 2) as writer:
+            writer.begin_episode(scenario=20 + number)
+            writer.add([0.0], [0.0], [0.0], intervention=False)
+    names = ("short.after-2.jsonl", "short.after-2.2.jsonl", "short.after-2.3.jsonl")
+    kept = [read_session(short.with_name(name)).episodes[0].scenario for name in names]
+    assert kept == [8, 20, 21]
+    assert sorted(path.name for path in short.parent.iterdir()) == sorted([*names, "short.jsonl"])
+
+
+def test_nothing_to_keep_aside_leaves_no_file(short: Path) -> None:
+    SessionWriter.resume(short, 4).close()
+    with short.open("ab") as stream:
+        stream.write(b'{"episode":2,"scena')  # cut: nobody can read it
+    SessionWriter.resume(short, 4).close()
+    assert list(short.parent.iterdir()) == [short]
+    assert len(read_session(short)) == 4
+
+
+def test_damaged_steps_are_kept_aside_as_they_are(short: Path) -> None:
+    lines = short.read_bytes().splitlines(keepends=True)
+    lines[5] = lines[5].replace(b"0.1", b"0.2")
+    short.write_bytes(b"".join(lines))
+    SessionWriter.resume(short, 2).close()
+    assert len(read_session(short)) == 2
+    aside = short.with_name("short.after-2.jsonl")
+    assert aside.read_bytes() == lines[0] + b"".join(lines[4:])
+    with pytest.raises(SessionError, match="is not as it was written"):
+        read_session(aside)
+
+
 def test_a_session_that_is_gone_cannot_go_on(tmp_path: Path) -> None:
     with pytest.raises(SessionError, match="is gone"):
         SessionWriter.resume(tmp_path / "session.jsonl", 3)

@@ -1,0 +1,266 @@
+"""Minari datasets: sessions written as such, and datasets read as transitions.
+
+``python -m haim_torchrl.data.minari export runs/<folder> <dataset-id>`` writes one,
+``python -m haim_torchrl.data.minari info <dataset-id>`` says what one holds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+from torchrl.data import Bounded, TensorSpec
+from torchrl.envs import EnvBase
+
+from haim_torchrl.data.minari_export import (
+    CARD,
+    OUTCOMES,
+    WHO_DROVE,
+    MinariError,
+    check_ranges,
+    export_session,
+    find_minari,
+)
+from haim_torchrl.data.session import SessionError
+
+__all__ = ["MinariError", "describe", "export_session", "load_minari", "main"]
+
+
+def load_minari(dataset: str | os.PathLike[str], env: EnvBase | None = None) -> TensorDict:
+    """Read a Minari dataset as transitions.
+
+    Any dataset of continuous observations and actions can be read. One that was written here says
+    in its infos who drove, and yields what was collected. Another one counts as demonstrations:
+    each step was driven by the mentor, and ``action_agent`` is ``action``.
+
+    Args:
+        dataset: Id of a dataset below ``MINARI_DATASETS_PATH``, or its folder. Nothing is
+            downloaded.
+        env: If given, the dataset's spaces must be this environment's.
+
+    Returns:
+        Transitions ``[N]``, episode after episode: ``observation``, ``action``, ``action_agent``,
+        ``action_mentor``, ``intervention [N, 1]``, ``takeover_start [N, 1]``, and under ``next``
+        ``observation``, ``reward [N, 1]``, ``done``, ``terminated``, ``truncated`` and those of
+        ``takeover_cost``, ``disturbance_cost``, ``cost`` and ``success`` that it holds.
+
+    Raises:
+        MinariError: In one sentence that names the field, if the dataset is missing, of spaces
+            that cannot be used or are not the environment's, incomplete, not finite or out of
+            range.
+    """
+    found = _open(dataset)
+    spaces = importlib.import_module("gymnasium.spaces")
+    for name in ("observation", "action"):
+        space = getattr(found, f"{name}_space")
+        if not isinstance(space, spaces.Box):
+            raise MinariError(
+                f"{name} of dataset {found.id} is {type(space).__name__}, and only Box can be read"
+            )
+    if env is not None:
+        if "observation" not in env.observation_spec.keys(True, True):
+            raise MinariError("the environment has no entry observation to hold the dataset's to")
+        _check_spec(env.observation_spec["observation"], found.observation_space, "observation")
+        _check_spec(env.action_spec, found.action_space, "action")
+    episodes = []
+    for number, episode in enumerate(found.iterate_episodes()):
+        where = f"episode {number} of dataset {found.id}"
+        steps = _transitions(episode, found, where)
+        check_ranges(steps, found.observation_space, found.action_space, where)
+        episodes.append(steps)
+    if not episodes:
+        raise MinariError(f"dataset {found.id} holds no episode")
+    return TensorDict.cat(episodes)
+
+
+def describe(dataset: str | os.PathLike[str]) -> str:
+    """What a dataset says of itself, as text.
+
+    Raises:
+        MinariError: If it is missing.
+    """
+    found = _open(dataset)
+    metadata = found.storage.metadata
+    card = metadata.get(CARD, {})
+    rows = {
+        "dataset": found.id,
+        "folder": found.storage.data_path.parent,
+        "format": metadata["data_format"],
+        "episodes": found.total_episodes,
+        "steps": found.total_steps,
+        "observation": _line(found.observation_space),
+        "action": _line(found.action_space),
+        "environment": None if found.env_spec is None else found.env_spec.id,
+        "algorithm": metadata.get("algorithm_name"),
+        "author": ", ".join(sorted(metadata.get("author", ()))),
+        "requirements": ", ".join(metadata.get("requirements", ())),
+        "description": metadata.get("description"),
+        "seed": card.get("seed"),
+        "recorded": card.get("started"),
+    }
+    rows |= {k: v for k, v in card.get("statistics", {}).items() if k not in rows}
+    rows |= {f"infos.{name}": meaning for name, meaning in card.get("infos", {}).items()}
+    return "\n".join(
+        f"{name:<24}{f'{value:.3g}' if isinstance(value, float) else value}"
+        for name, value in rows.items()
+        if value not in (None, "")
+    )
+
+
+def _line(value: Any) -> str:
+    return " ".join(str(value).split())
+
+
+def _open(dataset: str | os.PathLike[str]) -> Any:
+    minari = find_minari()
+    folder = Path(dataset).expanduser()
+    data = folder / "data" if (folder / "data").is_dir() else folder
+    try:
+        if (data / "metadata.json").is_file():
+            return minari.MinariDataset(data)
+        return minari.load_dataset(str(dataset), download=False)
+    except FileNotFoundError as error:
+        root = os.environ.get("MINARI_DATASETS_PATH", "~/.minari/datasets")
+        raise MinariError(
+            f"dataset {dataset} is not in {root}; set MINARI_DATASETS_PATH, or give its folder"
+        ) from error
+    except (ImportError, ValueError, KeyError, AssertionError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise MinariError(f"dataset {dataset} cannot be read: {reason}") from error
+
+
+def _check_spec(spec: TensorSpec, space: Any, name: str) -> None:
+    dtype = torch.from_numpy(np.empty(0, space.dtype)).dtype
+    given = (tuple(space.shape), dtype)
+    wanted = (tuple(spec.shape), spec.dtype)
+    for what, theirs, ours in zip(("shape", "dtype"), given, wanted):
+        if theirs != ours:
+            raise MinariError(
+                f"{name} has {what} {theirs} in the dataset and {ours} in the environment"
+            )
+    if isinstance(spec, Bounded):
+        for what, edge, expected in (
+            ("lower", space.low, spec.space.low),
+            ("upper", space.high, spec.space.high),
+        ):
+            wanted_edge = expected.expand(spec.shape).numpy(force=True)
+            if not np.allclose(edge, wanted_edge):
+                raise MinariError(
+                    f"{name} has the {what} bound {edge.tolist()} in the dataset and "
+                    f"{wanted_edge.tolist()} in the environment"
+                )
+
+
+def _transitions(episode: Any, dataset: Any, where: str) -> TensorDict:
+    count = len(episode.rewards)
+    observations = _tensor(episode.observations, dataset.observation_space)
+    action = _tensor(episode.actions, dataset.action_space)
+    for name, values, length in (
+        ("observations", observations, count + 1),
+        ("actions", action, count),
+        ("terminations", episode.terminations, count),
+        ("truncations", episode.truncations, count),
+    ):
+        if len(values) != length:
+            raise MinariError(f"{where}: {name} has {len(values)} entries, not {length}")
+    infos = _infos(episode.infos or {}, count, where)
+    terminated = _column(episode.terminations).bool()
+    truncated = _column(episode.truncations).bool() & ~infos.pop("cut", torch.tensor(False))
+    after = {
+        "observation": observations[1:],
+        "reward": _column(episode.rewards).float(),
+        "done": terminated | truncated,
+        "terminated": terminated,
+        "truncated": truncated,
+        **{key: infos.pop(key) for key in OUTCOMES if key in infos},
+    }
+    if not infos:  # demonstrations
+        start = torch.zeros(count, 1, dtype=torch.bool)
+        start[:1] = True
+        who: Sequence[torch.Tensor] = (action, action, torch.ones_like(start), start)
+        infos = dict(zip(WHO_DROVE, who))
+    for key in ("action_agent", "action_mentor"):
+        if infos[key].shape != action.shape:
+            raise MinariError(
+                f"{where}: {key} has shape {tuple(infos[key].shape)}, and the actions have "
+                f"{tuple(action.shape)}"
+            )
+    root = {"observation": observations[:-1], "action": action, **infos}
+    return TensorDict({**root, "next": TensorDict(after, batch_size=[count])}, batch_size=[count])
+
+
+def _infos(infos: dict[str, Any], count: int, where: str) -> dict[str, torch.Tensor]:
+    """The infos that are known here, one entry for each step; empty where nobody says who drove."""
+    missing = [key for key in WHO_DROVE if key not in infos]
+    if len(missing) == len(WHO_DROVE):
+        return {}
+    if missing:
+        raise MinariError(f"{where}: infos hold no {missing[0]}, which the others need")
+    known: dict[str, torch.Tensor] = {}
+    for key in (*WHO_DROVE, *OUTCOMES, "cut"):
+        if key not in infos:
+            continue
+        values = np.asarray(infos[key])
+        if len(values) not in (count, count + 1):
+            raise MinariError(f"{where}: info {key} has {len(values)} entries, not {count + 1}")
+        tensor = torch.from_numpy(values[-count:].copy())
+        known[key] = tensor if key.startswith("action") else tensor.reshape(count, 1)
+        if key in ("intervention", "takeover_start", "success", "cut"):
+            known[key] = known[key].bool()
+    return known
+
+
+def _tensor(values: Any, space: Any) -> torch.Tensor:
+    return torch.from_numpy(np.array(values, dtype=space.dtype))
+
+
+def _column(values: Any) -> torch.Tensor:
+    return torch.from_numpy(np.array(values)).reshape(-1, 1)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command.
+
+    Raises:
+        SystemExit: With code 2 after one sentence, if it cannot do what was asked.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m haim_torchrl.data.minari",
+        description="Sessions as Minari datasets, in the folder that MINARI_DATASETS_PATH names.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    export = commands.add_parser("export", help="drive a session again and write it as a dataset")
+    export.add_argument("run", help="a run's folder, or a session file")
+    export.add_argument("dataset", help="id: name-v0 or namespace/name-v0")
+    export.add_argument("--author", help="for the card")
+    export.add_argument("--author-email", help="for the card")
+    export.add_argument("--description", help="for the card; by default it says what the data are")
+    info = commands.add_parser("info", help="say what a dataset holds")
+    info.add_argument("dataset", help="id, or the dataset's folder")
+    given = parser.parse_args(arguments)
+    try:
+        dataset = given.dataset
+        if given.command == "export":
+            dataset = export_session(
+                given.run,
+                dataset,
+                author=given.author,
+                author_email=given.author_email,
+                description=given.description,
+            )
+        print(describe(dataset))
+    except (MinariError, SessionError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+if __name__ == "__main__":
+    main()
