@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import signal
 import time
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from multiprocessing.synchronize import Event
@@ -20,18 +19,16 @@ from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 from haim_torchrl.evaluation.recording import Recordable
 from haim_torchrl.human.clock import Clock
 from haim_torchrl.human.coach import Coach
-from haim_torchrl.human.console import Console, Figures, Frame, PersonQuit, Scene
-from haim_torchrl.human.controls import Action
+from haim_torchrl.human.console import Console, Frame, PersonQuit
+from haim_torchrl.human.frames import Frames
 from haim_torchrl.human.mentor import HumanMentor
 from haim_torchrl.human.takeovers import TAKEOVERS_FILE
-from haim_torchrl.transforms.intervention import Decision, InterventionTransform
+from haim_torchrl.transforms.intervention import InterventionTransform
 from haim_torchrl.transforms.recording import SessionRecorder
 from haim_torchrl.transforms.worker import simulator_of, worker_env
 
 LOOK_EVERY = 0.03
 """Seconds between two looks at the console while nothing moves."""
-WINDOW = 2000
-"""Steps behind the takeover rate shown."""
 
 
 class _Parts(NamedTuple):
@@ -89,11 +86,9 @@ class Cockpit(Transform):
         self._parts: _Parts | None = None
         self.__dict__["_given"] = console
         self.stop = stop
-        self._figures = Figures(steps=steps_before, total_steps=total_steps)
         self._steps = steps_before
-        self._driven: deque[bool] = deque(maxlen=WINDOW)
-        self._frame: Frame | None = None
-        self._episode, self._step_time = -1, float("nan")
+        self._frames = Frames(steps_before, total_steps, pace)
+        self._step_time = float("nan")
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self._parts is None and self.parent is None:
@@ -113,9 +108,8 @@ class Cockpit(Transform):
         next_tensordict.set("step_time", torch.full((1,), self._step_time))
         ok = parts.person is None or parts.person.device_ok
         next_tensordict.set("device_ok", torch.full((1,), ok))
-        if parts.console is not None and self._frame is not None:
-            self._frame = self._next_frame(parts, self._frame, next_tensordict)
-            parts.console.show(self._frame)
+        if parts.console is not None:
+            parts.console.show(self._next_frame(parts, next_tensordict))
         return next_tensordict
 
     def _reset(
@@ -127,14 +121,9 @@ class Cockpit(Transform):
         tensordict_reset.set("step_time", torch.full((1,), float("nan")))
         tensordict_reset.set("device_ok", torch.ones(1, dtype=torch.bool))
         if parts.console is not None:
-            simulator = parts.simulator
             parts.console.open()
-            self._episode += 1
-            parts.console.begin(
-                Scene(self._episode, simulator.scenario_labels(), simulator.road_polylines())
-            )
-            self._frame = Frame(self._episode, 0, simulator.snapshot(), figures=self._figures)
-            parts.console.show(self._frame)
+            parts.console.begin(self._frames.begin(parts.simulator))
+            parts.console.show(self._frames.last)
         return tensordict_reset
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
@@ -174,12 +163,12 @@ class Cockpit(Transform):
     def _wait_for_person(self, parts: _Parts) -> bool:
         """Wait while nothing may move; whether there was anything to wait for."""
         waited, shown = False, None
+        assert parts.console is not None
         while True:
             if parts.person is not None:
                 notice = parts.person.hold()
                 quitting = parts.person.reading.quit
             else:
-                assert parts.console is not None
                 reading = parts.console.read()
                 notice, quitting = "paused" if reading.paused else None, reading.quit
             if quitting:
@@ -188,17 +177,17 @@ class Cockpit(Transform):
             if notice is None:
                 break
             waited = True
-            if self._frame is not None and notice != shown:
+            if notice != shown:
                 ok = parts.person is None or parts.person.device_ok
-                parts.console.show(replace(self._frame, notice=notice, device_ok=ok))  # type: ignore[union-attr]
+                parts.console.show(replace(self._frames.last, notice=notice, device_ok=ok))
                 shown = notice
             time.sleep(LOOK_EVERY)
         return waited
 
     def _wait_for_learner(self, parts: _Parts) -> None:
         """All steps are driven, and the learner, which ends this process, may be behind."""
-        if parts.console is not None and self._frame is not None:
-            parts.console.show(replace(self._frame, notice="all steps are driven"))
+        if parts.console is not None:
+            parts.console.show(replace(self._frames.last, notice="all steps are driven"))
         while True:
             self._end_with_learner()
             if parts.console is not None:
@@ -222,46 +211,19 @@ class Cockpit(Transform):
         if gone or (self.stop is not None and self.stop.is_set()):
             raise KeyboardInterrupt
 
-    def _next_frame(self, parts: _Parts, last: Frame, after: TensorDictBase) -> Frame:
+    def _next_frame(self, parts: _Parts, after: TensorDictBase) -> Frame:
         decision = None if parts.takeover is None else parts.takeover.decision
-        person = parts.person
-        self._count(decision, after)
-        fallback = person is not None and person.falling_back
-        hint = ""
+        person, hint = parts.person, ""
         if parts.coach is not None and decision is not None:
             hint = parts.coach(parts.simulator, decision, after)
-        driven = decision is not None and decision.intervening
-        return Frame(
-            episode=self._episode,
-            step=last.step + 1,
-            snapshot=parts.simulator.snapshot(),
-            driver="agent" if not driven else "fallback" if fallback else "person",
-            **({} if decision is None else _actions(decision)),
-            takeover=driven,
-            disturbance=_flag(after, "disturbance"),
-            cost=_number(after, "cost"),
-            takeover_cost=_number(after, "takeover_cost"),
-            disturbance_cost=_number(after, "disturbance_cost"),
-            figures=self._figures,
+        return self._frames.next(
+            parts.simulator.snapshot(),
+            decision,
+            after,
+            fallback=person is not None and person.falling_back,
             device_ok=person is None or person.device_ok,
             latency_ms=None if person is None else person.latency_ms,
             hint=hint,
-        )
-
-    def _count(self, decision: Decision | None, after: TensorDictBase) -> None:
-        before, driven = self._figures, decision is not None and decision.intervening
-        self._driven.append(driven)
-        steps = self._steps
-        left = max(self.total_steps - steps, 0) / self.pace if self.pace else None
-        self._figures = replace(
-            before,
-            steps=steps,
-            seconds_left=left if self.total_steps else None,
-            episodes=before.episodes + _flag(after, "done"),
-            successes=before.successes + _flag(after, "success"),
-            violations=before.violations + round(_number(after, "cost")),
-            takeovers=before.takeovers + (decision is not None and decision.starting),
-            takeover_rate=sum(self._driven) / len(self._driven),
         )
 
     def _make_coach(self) -> Coach:
@@ -297,25 +259,3 @@ def _before(transform: Transform) -> Iterator[Transform]:
         chain = env.transform
         yield from chain.transforms if isinstance(chain, Compose) else [chain]
         env = env.base_env
-
-
-def _actions(decision: Decision) -> dict[str, Any]:
-    return {
-        "action": _pair(decision.executed),
-        "action_agent": _pair(decision.agent),
-        "action_mentor": _pair(decision.mentor),
-    }
-
-
-def _pair(action: torch.Tensor) -> Action:
-    acceleration, steering = action.tolist()
-    return (acceleration, steering)
-
-
-def _number(tensordict: TensorDictBase, key: str) -> float:
-    value = tensordict.get(key, None)
-    return 0.0 if value is None else float(value)
-
-
-def _flag(tensordict: TensorDictBase, key: str) -> bool:
-    return _number(tensordict, key) > 0.0

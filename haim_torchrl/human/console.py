@@ -94,7 +94,11 @@ class Frame:
 
 @runtime_checkable
 class Console(Protocol):
-    """A window or a page. All methods return at once; none may wait for the person."""
+    """A window or a page. All methods return at once; none may wait for the person.
+
+    A step may look more than once. What happens between two looks, such as a key that is pressed
+    and let go, must therefore be told until a step has been shown.
+    """
 
     def open(self) -> None:
         """Show up. Called before anything else; calling it again does nothing.

@@ -51,6 +51,7 @@ class Reading:
         latency_ms: delay between hand and reading as far as it is known [ms].
         paused: whether the person has paused.
         quit: whether the person wants to stop the run.
+        trouble: what the person can do about a device that is not connected, in a few words.
     """
 
     controls: Controls = RELEASED
@@ -60,6 +61,7 @@ class Reading:
     latency_ms: float | None = None
     paused: bool = False
     quit: bool = False
+    trouble: str = ""
 
 
 @dataclass(frozen=True)

@@ -145,10 +145,10 @@ class HumanMentor:
         if self.reading.paused:
             return "paused"
         if not self._met:
-            return "waiting for a driver"
+            return self.reading.trouble or "waiting for a driver"
         if isinstance(self.fallback, Pause):
             if not self._ok:
-                return "connection lost: waiting for the driver"
+                return self.reading.trouble or "connection lost: waiting for the driver"
             if self._well_since is not None:
                 if time.monotonic() - self._well_since < self.settle:
                     return "the driver is back"
