@@ -14,10 +14,11 @@ PIP_ARGS    ?=
 BIN     := $(VENV)/bin
 INSTALL  = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) -c $(CONSTRAINTS)
 
-.PHONY: help train test lint bench constraints clean
+.PHONY: help train drive test lint bench constraints clean
 
 help:
 	@echo "make train        install into $(VENV) and train: python recipes/haim.py ARGS"
+	@echo "make drive        the same on one easy map, with you as the mentor, in a browser"
 	@echo "make test         ruff, mypy and all tests: pytest ARGS"
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        speed and memory: benchmarks/bench_*.py"
@@ -26,6 +27,9 @@ help:
 
 train: $(VENV)/installed
 	$(BIN)/python recipes/haim.py $(ARGS)
+
+drive: $(VENV)/installed-browser
+	$(BIN)/python recipes/haim.py preset=first_drive mentor=browser $(ARGS)
 
 test: lint
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
@@ -51,6 +55,10 @@ $(VENV)/installed: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) -e ".[dev]"
+	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-browser: pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) -e ".[browser]"
 	@touch $@ $(VENV)/installed
 
 $(VENV)/installed-bench: pyproject.toml constraints.txt | $(BIN)/python
