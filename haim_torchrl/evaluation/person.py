@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,12 @@ from haim_torchrl.evaluation.assembly import World, build
 from haim_torchrl.evaluation.config import ConfigError, plain
 from haim_torchrl.evaluation.drivers import Driver, PolicyDriver
 from haim_torchrl.evaluation.evaluator import drive_episode
-from haim_torchrl.human import Cockpit, ConsoleError, PersonQuit
+from haim_torchrl.human import Cockpit, Console, ConsoleError, PersonQuit
 from haim_torchrl.human.availability import check_console
 from haim_torchrl.human.takeovers import TakeoverError
+
+WAIT_FOR_VIEWER = 15.0
+"""Seconds in which a page finds its way back to a console that has moved to another process."""
 
 
 def is_person(config: Any) -> bool:
@@ -98,10 +102,13 @@ def show_alone(config: DictConfig, driver: Driver) -> None:
     """
     if not is_person(config) or config.eval.show < 1:
         return
+    console = build(plain(config.mentor)["console"])
+    if not _somebody_watches(console):
+        console.close()
+        return
     world = World.of(config, "train", takeovers=False)
     env = world()
     assert isinstance(env, TransformedEnv)
-    console = build(plain(config.mentor)["console"])
     env.append_transform(Cockpit(config.collector.pace, console=console))
     print(f"the agent drives alone now, {config.eval.show} times; watch, or quit to go on")
     try:
@@ -111,3 +118,14 @@ def show_alone(config: DictConfig, driver: Driver) -> None:
         print("watched enough")
     finally:
         env.close()
+
+
+def _somebody_watches(console: Console) -> bool:
+    """Open the console, and wait a while until the person is there again."""
+    console.open()
+    until = time.monotonic() + WAIT_FOR_VIEWER
+    while time.monotonic() < until:
+        if console.read().connected:
+            return True
+        time.sleep(0.1)
+    return False
