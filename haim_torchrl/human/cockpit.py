@@ -20,7 +20,7 @@ from haim_torchrl.evaluation.recording import Recordable
 from haim_torchrl.human.clock import Clock
 from haim_torchrl.human.coach import Coach
 from haim_torchrl.human.console import Console, Frame, PersonQuit
-from haim_torchrl.human.frames import Frames
+from haim_torchrl.human.frames import Frames, outcome
 from haim_torchrl.human.mentor import HumanMentor
 from haim_torchrl.human.takeovers import TAKEOVERS_FILE
 from haim_torchrl.transforms.intervention import InterventionTransform
@@ -29,6 +29,8 @@ from haim_torchrl.transforms.worker import simulator_of, worker_env
 
 LOOK_EVERY = 0.03
 """Seconds between two looks at the console while nothing moves."""
+ENDING = 10
+"""Steps' time for which the end of an episode is shown."""
 
 
 class _Parts(NamedTuple):
@@ -89,6 +91,7 @@ class Cockpit(Transform):
         self._steps = steps_before
         self._frames = Frames(steps_before, total_steps, pace)
         self._step_time = float("nan")
+        self._outcome: str | None = None
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self._parts is None and self.parent is None:
@@ -110,6 +113,7 @@ class Cockpit(Transform):
         next_tensordict.set("device_ok", torch.full((1,), ok))
         if parts.console is not None:
             parts.console.show(self._next_frame(parts, next_tensordict))
+            self._outcome = outcome(next_tensordict)
         return next_tensordict
 
     def _reset(
@@ -122,7 +126,9 @@ class Cockpit(Transform):
         tensordict_reset.set("device_ok", torch.ones(1, dtype=torch.bool))
         if parts.console is not None:
             parts.console.open()
-            parts.console.begin(self._frames.begin(parts.simulator))
+            self._show_outcome(parts.console)
+            ok = parts.person is None or parts.person.device_ok
+            parts.console.begin(self._frames.begin(parts.simulator, device_ok=ok))
             parts.console.show(self._frames.last)
         return tensordict_reset
 
@@ -183,6 +189,17 @@ class Cockpit(Transform):
                 shown = notice
             time.sleep(LOOK_EVERY)
         return waited
+
+    def _show_outcome(self, console: Console) -> None:
+        """Leave the end of an episode on the screen for a moment: the next one begins at once."""
+        if self._outcome is None or self.clock is None:
+            return
+        console.show(replace(self._frames.last, notice=self._outcome))
+        self._outcome = None
+        until = time.monotonic() + ENDING * self.clock.period
+        while time.monotonic() < until:
+            console.read()
+            time.sleep(min(LOOK_EVERY, self.clock.period))
 
     def _wait_for_learner(self, parts: _Parts) -> None:
         """All steps are driven, and the learner, which ends this process, may be behind."""

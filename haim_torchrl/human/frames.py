@@ -38,14 +38,17 @@ class Frames:
         self._driven: deque[bool] = deque(maxlen=WINDOW)
         self._episode = -1
 
-    def begin(self, simulator: Any) -> Scene:
+    def begin(self, simulator: Any, *, device_ok: bool = True) -> Scene:
         """The scene of a new episode, with its first frame in ``last``.
 
         Args:
             simulator: a :class:`~haim_torchrl.evaluation.recording.Recordable`, just reset.
+            device_ok: whether the person's device works.
         """
         self._episode += 1
-        self.last = Frame(self._episode, 0, simulator.snapshot(), figures=self._figures)
+        self.last = Frame(
+            self._episode, 0, simulator.snapshot(), figures=self._figures, device_ok=device_ok
+        )
         return Scene(self._episode, simulator.scenario_labels(), simulator.road_polylines())
 
     def next(
@@ -105,6 +108,23 @@ class Frames:
             takeovers=before.takeovers + (decision is not None and decision.starting),
             takeover_rate=sum(self._driven) / len(self._driven),
         )
+
+
+def outcome(after: TensorDictBase) -> str | None:
+    """How an episode ended with a step, in a word or two; None while it goes on.
+
+    Args:
+        after: what the step led to, the entries under ``next``.
+    """
+    if not _flag(after, "done"):
+        return None
+    names = {
+        "success": "arrived",
+        "crash": "collision",
+        "out_of_road": "off the road",
+        "wrong_way": "wrong way",
+    }
+    return next((text for key, text in names.items() if _flag(after, key)), "time is up")
 
 
 def _actions(decision: Decision) -> dict[str, Any]:
