@@ -15,11 +15,12 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import AsyncCollector
 from torchrl.data import LazyMemmapStorage, ReplayBuffer
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 
 from haim_torchrl.collectors.acting import as_acting_policy
 from haim_torchrl.collectors.mixed_policy import CollectedEnv, EnvFactory
 from haim_torchrl.human.cockpit import Cockpit
+from haim_torchrl.transforms.policy_version import PolicyVersion
 from haim_torchrl.transforms.transition import TakeoverToTransition
 
 HEARTBEAT = 0.5
@@ -39,8 +40,8 @@ class LiveCollector:
     few transitions to a replay buffer in shared memory. This end reads them there, in order and
     none twice, and hands them out as batches of ``frames_per_batch``, however long the learner was
     busy. While nothing comes, because the person pauses, it hands out an empty batch (of size
-    ``[0]``) twice a second, so that the learner can look at something else. New weights of the policy reach the driving process
-    through shared memory (:meth:`update_policy_weights_`).
+    ``[0]``) twice a second, so that the learner can look at something else. New weights of the
+    policy reach the driving process through shared memory (:meth:`update_policy_weights_`).
 
     Batches have a fixed size and hold the same steps in the same order whatever the timing, so
     what is learned from a session is a matter of its transitions alone: driven again
@@ -97,7 +98,10 @@ class LiveCollector:
         self._frames_before = 0
         self._collector: AsyncCollector | None = None
         self._mailbox: ReplayBuffer | None = None
-        self._stop = multiprocessing.get_context("spawn").Event()
+        context = multiprocessing.get_context("spawn")
+        self._stop = context.Event()
+        # A semaphore is the one counter that cloudpickle lets through to the other process.
+        self._updates = context.Semaphore(0)
 
     def __iter__(self) -> Iterator[TensorDictBase]:
         """Batches ``[frames_per_batch]``, and empty ones while nothing comes.
@@ -135,6 +139,7 @@ class LiveCollector:
         """Let the driving process act with the policy's present weights."""
         if self._collector is not None:
             self._collector.update_policy_weights_()
+            self._updates.release()
 
     def reset(self) -> None:
         """Nothing: the person's episode goes on."""
@@ -165,6 +170,7 @@ class LiveCollector:
             total_frames=self.total_frames,
         )
         build.frames_before = self._frames_before
+        build.updates = self._updates
         env = build()
         try:
             transition = TakeoverToTransition()(env.fake_tensordict())
@@ -209,16 +215,24 @@ class LiveEnv(CollectedEnv):
     Attributes:
         frames_before: steps that an earlier part of the run drove.
         stop: set when the driving is to end; None while the environment is only looked at.
+        updates: counts the updates of the policy.
     """
 
     frames_before: int = 0
     stop: Any = None
+    updates: Any = None
 
     def __call__(self) -> EnvBase:
         """A new environment."""
         if self.stop is not None:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         return super().__call__()
+
+    def extend(self, env: TransformedEnv) -> None:
+        """What comes before the cockpit."""
+        super().extend(env)
+        if self.updates is not None:
+            env.append_transform(PolicyVersion(self.updates.get_value))
 
     def make_cockpit(self, pace: float) -> Cockpit:
         """One that ends its waiting when the learner ends."""

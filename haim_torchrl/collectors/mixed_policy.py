@@ -226,7 +226,7 @@ class CollectedEnv:
         if not env.batch_size:
             if not isinstance(env, TransformedEnv):
                 env = TransformedEnv(env)
-            env.append_transform(SimulatorRandomState(with_torch=self.in_worker))
+            self.extend(env)
             if self.pace is not None:
                 env.append_transform(self.make_cockpit(self.pace))
         if self.seed is not None:
@@ -234,6 +234,10 @@ class CollectedEnv:
             if self.in_worker:
                 torch.manual_seed(self.seed)
         return env
+
+    def extend(self, env: TransformedEnv) -> None:
+        """What comes before the cockpit."""
+        env.append_transform(SimulatorRandomState(with_torch=self.in_worker))
 
     def make_cockpit(self, pace: float) -> Cockpit:
         """What holds the pace and serves the person."""

@@ -69,6 +69,8 @@ def test_hands_out_what_was_driven_while_the_learner_is_slow(actor):
     # The slow learner delays nobody: had each batch waited for it, steps would take 90 ms.
     assert times[~times.isnan()].median() < 0.06
     assert steps["next", "device_ok"].all()
+    versions = steps["next", "policy_version"].squeeze(-1)
+    assert (versions.diff() >= 0).all() and versions[0] == 0 and versions[-1] > 0
     proposed = steps["action_agent"][:, 0]
     assert (proposed[-10:] > 0.9).all() and (proposed[:20] < 0.9).any()
 
