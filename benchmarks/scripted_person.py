@@ -65,13 +65,16 @@ class Person:
         self.simulator = PlatoonEnv()
         self.nothing = TensorDict({}, [])
         self.driving = False
-        self.step = 0
+        self.episode, self.step = -1, 0
         self.moves: deque[tuple[float, dict[str, Any]]] = deque()
         self.apart = 0.0
 
     def see(self, message: dict[str, Any]) -> None:
         """Take in a scene or a frame of the page."""
         if message["type"] == "scene":
+            if message["episode"] == self.episode:
+                return  # told again, since the connection was cut
+            self.episode = message["episode"]
             self.simulator.reset(seed=message["scenario"])
             self.expert.reset(self.simulator)
             self.switch.reset()

@@ -48,7 +48,7 @@ def again(recorded: Path, command: Callable[..., Any], tmp_path: Path) -> Callab
     """Drives the session again; gives the outcome and the folder of that run, if there is one."""
 
     def run(*overrides: str) -> tuple[Any, Path | None]:
-        session = ("mentor=replay", f"mentor.session={recorded}", "switch=request")
+        session = ("mentor=replay", f"mentor.session={recorded}")
         outcome = command("haim", *SHORT, *session, *overrides)
         return outcome, next((tmp_path / "runs" / "smoke").glob("*"), None)
 
