@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from multiprocessing.synchronize import Event
 from typing import Any, NamedTuple
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 import torch
 from tensordict import TensorDictBase
 from torchrl.data.tensor_specs import Binary, Composite, Unbounded
-from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
+from torchrl.envs import EnvBase, Transform
 
 from haim_torchrl.evaluation.recording import Recordable
 from haim_torchrl.human.clock import Clock
@@ -25,7 +24,7 @@ from haim_torchrl.human.mentor import HumanMentor
 from haim_torchrl.human.takeovers import TAKEOVERS_FILE
 from haim_torchrl.transforms.intervention import InterventionTransform
 from haim_torchrl.transforms.recording import SessionRecorder
-from haim_torchrl.transforms.worker import simulator_of, worker_env
+from haim_torchrl.transforms.worker import simulator_of, transforms_before, worker_env
 
 LOOK_EVERY = 0.03
 """Seconds between two looks at the console while nothing moves."""
@@ -244,14 +243,16 @@ class Cockpit(Transform):
         )
 
     def _make_coach(self) -> Coach:
-        recorder = next((t for t in _before(self) if isinstance(t, SessionRecorder)), None)
+        recorder = next(
+            (t for t in transforms_before(self) if isinstance(t, SessionRecorder)), None
+        )
         path = None if recorder is None else recorder.path.with_name(TAKEOVERS_FILE)
         return Coach(path, steps_before=self._steps)
 
     def _get_parts(self) -> _Parts:
         if self._parts is None:
             base = worker_env(self)
-            takeovers = (t for t in _before(self) if isinstance(t, InterventionTransform))
+            takeovers = (t for t in transforms_before(self) if isinstance(t, InterventionTransform))
             takeover = next(takeovers, None)
             console, person, coach = self._given, None, None
             if takeover is not None and isinstance(takeover.mentor, HumanMentor):
@@ -267,12 +268,3 @@ class Cockpit(Transform):
                 coach = self._make_coach()
             self._parts = _Parts(simulator, takeover, person, console, coach)
         return self._parts
-
-
-def _before(transform: Transform) -> Iterator[Transform]:
-    """The transforms of an environment, those of the innermost last."""
-    env = transform.container
-    while isinstance(env, TransformedEnv):
-        chain = env.transform
-        yield from chain.transforms if isinstance(chain, Compose) else [chain]
-        env = env.base_env

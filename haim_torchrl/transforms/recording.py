@@ -11,13 +11,13 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey
 from torch import Tensor
-from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
+from torchrl.envs import EnvBase, Transform
 
 from haim_torchrl.data.session import fingerprint, scenario_of
 from haim_torchrl.data.session_writer import SessionWriter
 from haim_torchrl.mentors.protocol import Mentor
 from haim_torchrl.transforms.intervention import InterventionTransform
-from haim_torchrl.transforms.worker import worker_env
+from haim_torchrl.transforms.worker import transforms_before, worker_env
 
 
 class _Driven(NamedTuple):
@@ -164,16 +164,10 @@ class SessionRecorder(Transform):
 
     def _find_takeover(self) -> _Driven:
         base = worker_env(self)
-        env = self.container
-        while isinstance(env, TransformedEnv):
-            chain = env.transform
-            for transform in chain.transforms if isinstance(chain, Compose) else [chain]:
-                if transform is self:
-                    break
-                if isinstance(transform, InterventionTransform):
-                    self._driven = _Driven(transform, transform.simulator(base), transform.mentor)
-                    return self._driven
-            env = env.base_env
+        for transform in transforms_before(self):
+            if isinstance(transform, InterventionTransform):
+                self._driven = _Driven(transform, transform.simulator(base), transform.mentor)
+                return self._driven
         raise RuntimeError(
             "SessionRecorder writes down what an InterventionTransform publishes, and there is "
             "none before it."

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
-from torchrl.envs import EnvBase, Transform, TransformedEnv
+from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
 
 def worker_env(transform: Transform) -> EnvBase:
@@ -33,6 +34,18 @@ def worker_env(transform: Transform) -> EnvBase:
             f"{name}(...)))."
         )
     return env
+
+
+def transforms_before(transform: Transform) -> Iterator[Transform]:
+    """Transforms whose output a transform sees: those before it in its chain, then those inside."""
+    env = transform.container
+    while isinstance(env, TransformedEnv):
+        chain = env.transform
+        for other in chain.transforms if isinstance(chain, Compose) else [chain]:
+            if other is transform:
+                break
+            yield other
+        env = env.base_env
 
 
 def simulator_of(env: EnvBase) -> Any:
