@@ -25,9 +25,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from omegaconf import OmegaConf
 from tensordict import TensorDict
 
-from haim_torchrl.envs.platoon_env import PlatoonEnv
+from haim_torchrl.evaluation.assembly import World
+from haim_torchrl.evaluation.drivers import simulator_of
 from haim_torchrl.mentors.expert import ExpertMentor
 from haim_torchrl.switches import Delay, Hold, RiskSwitch
 from haim_torchrl.switches.protocol import Situation
@@ -55,14 +57,16 @@ class Person:
     Args:
         reaction: time from the first sign of danger to taking over [s].
         hand: time from a scene to what the hands do about it, when in control [s].
+        settings: ``config.yaml`` of the run, which says what world it is.
     """
 
-    def __init__(self, reaction: float, hand: float) -> None:
+    def __init__(self, reaction: float, hand: float, settings: Path) -> None:
         self.expert = ExpertMentor()
         risk = RiskSwitch(max_lateral_acceleration=4.0, max_stalled_steps=20, release_clearance=1.5)
         self.switch = Hold(Delay(risk, round(reaction / 0.1) - 1), 5)
         self.hand = hand
-        self.simulator = PlatoonEnv()
+        self.settings = settings
+        self.simulator: Any = None
         self.nothing = TensorDict({}, [])
         self.driving = False
         self.episode, self.step = -1, 0
@@ -75,6 +79,9 @@ class Person:
             if message["episode"] == self.episode:
                 return  # told again, since the connection was cut
             self.episode = message["episode"]
+            if self.simulator is None:
+                config = OmegaConf.load(self.settings)
+                self.simulator = simulator_of(World.of(config, "train", takeovers=False)())
             self.simulator.reset(seed=message["scenario"])
             self.expert.reset(self.simulator)
             self.switch.reset()
@@ -87,6 +94,8 @@ class Person:
             self.simulator.step(np.array(message["action"], dtype=np.float32))
             here = self.simulator.snapshot().vehicle[:2]
             self.apart = max(self.apart, float(np.abs(here - message["vehicle"][:2]).max()))
+            if self.apart > 0.02:
+                raise RuntimeError(f"the page shows another scene, {self.apart:.2f} m away")
             self._decide(torch.tensor(message["action_agent"]))
 
     def _decide(self, agent: torch.Tensor) -> None:
@@ -170,7 +179,7 @@ def main() -> None:
         *(f"seed={given.seed}", f"total_frames={given.steps}", f"hydra.run.dir={folder}"),
         *("eval.show=0", "eval.pictures=false", "logger=csv", *given.overrides),
     ]
-    person = Person(given.reaction, given.hand)
+    person = Person(given.reaction, given.hand, folder / "config.yaml")
     running = subprocess.Popen(command)
     try:
         drive(f"http://127.0.0.1:{port}/", person, running)
