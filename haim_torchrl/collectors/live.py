@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torchrl import logger as torchrl_logger
 from torchrl.collectors import AsyncCollector
 from torchrl.data import LazyMemmapStorage, ReplayBuffer
 from torchrl.envs import EnvBase, TransformedEnv
@@ -179,7 +180,10 @@ class LiveCollector:
         self._mailbox = ReplayBuffer(
             storage=LazyMemmapStorage(self.backlog), batch_size=1, shared=True
         )
+        level = torchrl_logger.level
+        torchrl_logger.setLevel("WARNING")  # it would announce the storage to the person
         self._mailbox.extend(transition.unsqueeze(0))
+        torchrl_logger.setLevel(level)
         self._mailbox.empty()
         build.stop = self._stop
         self._collector = AsyncCollector(
@@ -234,10 +238,13 @@ class LiveEnv(CollectedEnv):
         if self.updates is not None:
             env.append_transform(PolicyVersion(self.updates.get_value))
 
-    def make_cockpit(self, pace: float) -> Cockpit:
-        """One that ends its waiting when the learner ends."""
+    def make_cockpit(self) -> Cockpit:
+        """One that drives no more than all steps, and ends when the learner ends."""
         return Cockpit(
-            pace, total_steps=self.total_frames, steps_before=self.frames_before, stop=self.stop
+            self.pace,
+            total_steps=self.total_frames,
+            steps_before=self.frames_before,
+            stop=self.stop,
         )
 
 

@@ -227,8 +227,9 @@ class CollectedEnv:
             if not isinstance(env, TransformedEnv):
                 env = TransformedEnv(env)
             self.extend(env)
-            if self.pace is not None:
-                env.append_transform(self.make_cockpit(self.pace))
+            cockpit = self.make_cockpit()
+            if cockpit is not None:
+                env.append_transform(cockpit)
         if self.seed is not None:
             env.set_seed(self.seed)
             if self.in_worker:
@@ -239,9 +240,9 @@ class CollectedEnv:
         """What comes before the cockpit."""
         env.append_transform(SimulatorRandomState(with_torch=self.in_worker))
 
-    def make_cockpit(self, pace: float) -> Cockpit:
+    def make_cockpit(self) -> Cockpit | None:
         """What holds the pace and serves the person."""
-        return Cockpit(pace, total_steps=self.total_frames)
+        return None if self.pace is None else Cockpit(self.pace, total_steps=self.total_frames)
 
 
 def _acting_device(

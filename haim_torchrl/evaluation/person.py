@@ -79,9 +79,12 @@ def say_how_it_was(
         return
     kept, driver = replay.intervened.columns(), PolicyDriver(actor)
     known: dict[str, Any] = {}
-    needed = ("observation", "action_agent", "action_mentor", "intervention")
-    if all(key in kept for key in needed):
-        rows = {key: kept[key] for key in needed}
+    # What was executed in these steps is what the mentor did.
+    names = {"action_mentor": "action"} | {
+        key: key for key in ("observation", "action_agent", "intervention")
+    }
+    if all(key in kept for key in names.values()):
+        rows = {name: kept[key] for name, key in names.items()}
         known["transitions"] = TensorDict(rows, [len(replay.intervened)]).cpu()
         known["policy"] = lambda seen: driver.act(None, TensorDict({"observation": seen}))
     try:

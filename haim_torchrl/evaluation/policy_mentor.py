@@ -30,7 +30,7 @@ def policy_mentor(checkpoint: str | os.PathLike[str] | None) -> PolicyMentor:
         raise ConfigError(
             "mentor.checkpoint has no value; give a run's folder, or a checkpoint of a policy"
         )
-    return PolicyMentor(partial(_load, find_checkpoint(str(checkpoint))))
+    return PolicyMentor(partial(_load, find_checkpoint(str(checkpoint), ("best.pt", "last.pt"))))
 
 
 def _load(path: Path) -> ProbabilisticActor:

@@ -141,8 +141,9 @@ def make_report(
     told = list(takeovers) or counted
     known = [takeover.collisions for takeover in told if takeover.collisions is not None]
     before, after = _distances(transitions, policy)
-    rate = mentor_steps / steps if steps else 0.0
     thirds = (None, None) if session is None else _thirds(session)
+    # Advice is for what comes next, so it looks at how the run ended.
+    rate = thirds[1].rate if thirds[1] is not None else mentor_steps / steps if steps else 0.0
     return CoachReport(
         minutes=None if steps is None else steps * time_step / 60.0,
         control=mentor_steps * time_step / 60.0,

@@ -125,5 +125,9 @@ class ConsoleError(RuntimeError):
     """A console that cannot open; the message says why and what to do instead."""
 
 
-class PersonQuit(Exception):
-    """The person at the console has ended the run."""
+class PersonQuit(BaseException):
+    """The person at the console has ended the run.
+
+    As KeyboardInterrupt it is no ``Exception``: TorchRL's collectors shut down on any of those, and
+    a run that is to be saved still needs its collector.
+    """

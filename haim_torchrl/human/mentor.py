@@ -198,8 +198,9 @@ class HumanMentor:
 
     def act(self, simulator: Any, tensordict: TensorDictBase) -> Tensor:
         """The person's action, or the fallback's, ``[2]``."""
-        if not self._asked:
-            self.look()
+        if not (self._asked and self._driving):
+            self.look()  # another switch has given control, and the person was not asked, or said no
+            self._asked = False
             self.falling_back = not self._ok and isinstance(self.fallback, Mentor)
         if self.falling_back and isinstance(self.fallback, Mentor):
             action = torch.as_tensor(self.fallback.act(simulator, tensordict))
