@@ -199,7 +199,7 @@ class HumanMentor:
     def act(self, simulator: Any, tensordict: TensorDictBase) -> Tensor:
         """The person's action, or the fallback's, ``[2]``."""
         if not (self._asked and self._driving):
-            self.look()  # another switch has given control, and the person was not asked, or said no
+            self.look()  # another switch gave control: the person was not asked, or did not want it
             self._asked = False
             self.falling_back = not self._ok and isinstance(self.fallback, Mentor)
         if self.falling_back and isinstance(self.fallback, Mentor):
