@@ -22,7 +22,7 @@ from haim_torchrl.human.console import Console, Frame, PersonQuit
 from haim_torchrl.human.frames import Frames, outcome
 from haim_torchrl.human.mentor import HumanMentor
 from haim_torchrl.human.takeovers import TAKEOVERS_FILE
-from haim_torchrl.transforms.intervention import InterventionTransform
+from haim_torchrl.transforms.intervention import Decision, InterventionTransform
 from haim_torchrl.transforms.recording import SessionRecorder
 from haim_torchrl.transforms.worker import simulator_of, transforms_before, worker_env
 
@@ -111,7 +111,7 @@ class Cockpit(Transform):
         ok = parts.person is None or parts.person.device_ok
         next_tensordict.set("device_ok", torch.full((1,), ok))
         if parts.console is not None:
-            parts.console.show(self._next_frame(parts, next_tensordict))
+            parts.console.show(self._next_frame(parts, tensordict, next_tensordict))
             self._outcome = outcome(next_tensordict)
         return next_tensordict
 
@@ -227,10 +227,13 @@ class Cockpit(Transform):
         if gone or (self.stop is not None and self.stop.is_set()):
             raise KeyboardInterrupt
 
-    def _next_frame(self, parts: _Parts, after: TensorDictBase) -> Frame:
+    def _next_frame(self, parts: _Parts, step: TensorDictBase, after: TensorDictBase) -> Frame:
         decision = None if parts.takeover is None else parts.takeover.decision
+        if decision is None:  # nobody can take over from the agent
+            action = step.get("action").detach().cpu()
+            decision = Decision(action, torch.zeros_like(action), action, False, False)
         person, hint = parts.person, ""
-        if parts.coach is not None and decision is not None:
+        if parts.coach is not None:
             hint = parts.coach(parts.simulator, decision, after)
         return self._frames.next(
             parts.simulator.snapshot(),

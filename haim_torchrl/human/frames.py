@@ -54,7 +54,7 @@ class Frames:
     def next(
         self,
         snapshot: Snapshot,
-        decision: Decision | None,
+        decision: Decision,
         after: TensorDictBase,
         *,
         fallback: bool = False,
@@ -66,21 +66,23 @@ class Frames:
 
         Args:
             snapshot: the scene after it.
-            decision: who drove; None where nobody can take over.
+            decision: who drove, and with what.
             after: what the step led to, the entries under ``next``.
             fallback: whether the fallback drove in the person's place.
             device_ok: whether the person's device works.
             latency_ms: delay of the person's input [ms].
             hint: the coach's.
         """
-        driven = decision is not None and decision.intervening
+        driven = decision.intervening
         self._count(decision, after)
         self.last = Frame(
             episode=self._episode,
             step=self.last.step + 1,
             snapshot=snapshot,
             driver="agent" if not driven else "fallback" if fallback else "person",
-            **({} if decision is None else _actions(decision)),
+            action=_pair(decision.executed),
+            action_agent=_pair(decision.agent),
+            action_mentor=_pair(decision.mentor),
             takeover=driven,
             disturbance=_flag(after, "disturbance"),
             cost=_number(after, "cost"),
@@ -93,9 +95,9 @@ class Frames:
         )
         return self.last
 
-    def _count(self, decision: Decision | None, after: TensorDictBase) -> None:
+    def _count(self, decision: Decision, after: TensorDictBase) -> None:
         before = self._figures
-        self._driven.append(decision is not None and decision.intervening)
+        self._driven.append(decision.intervening)
         steps = before.steps + 1
         left = max(before.total_steps - steps, 0) / self.pace if self.pace else None
         self._figures = replace(
@@ -105,7 +107,7 @@ class Frames:
             episodes=before.episodes + _flag(after, "done"),
             successes=before.successes + _flag(after, "success"),
             violations=before.violations + round(_number(after, "cost")),
-            takeovers=before.takeovers + (decision is not None and decision.starting),
+            takeovers=before.takeovers + decision.starting,
             takeover_rate=sum(self._driven) / len(self._driven),
         )
 
@@ -125,14 +127,6 @@ def outcome(after: TensorDictBase) -> str | None:
         "wrong_way": "wrong way",
     }
     return next((text for key, text in names.items() if _flag(after, key)), "time is up")
-
-
-def _actions(decision: Decision) -> dict[str, Any]:
-    return {
-        "action": _pair(decision.executed),
-        "action_agent": _pair(decision.agent),
-        "action_mentor": _pair(decision.mentor),
-    }
 
 
 def _pair(action: Tensor) -> Action:

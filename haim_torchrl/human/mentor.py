@@ -142,6 +142,7 @@ class HumanMentor:
         while their device does not work.
         """
         self.look()
+        self._asked = False  # a new step begins
         if self.reading.paused:
             return "paused"
         if not self._met:
