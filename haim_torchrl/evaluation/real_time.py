@@ -37,7 +37,7 @@ class StepTimes:
         """
         seconds = batch.get(("next", "step_time"), None)
         if seconds is not None and seconds.numel():
-            self._seconds.append(seconds[~seconds.isnan()].flatten().clone())
+            self._seconds.append(seconds[seconds > 0.0].flatten().clone())
             self._failed += int((~batch["next", "device_ok"]).sum())
 
     def figures(self) -> dict[str, float]:

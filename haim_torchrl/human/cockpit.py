@@ -54,8 +54,9 @@ class Cockpit(Transform):
     :class:`~haim_torchrl.transforms.InterventionTransform` before it, or given as ``console`` to
     watch an agent that nobody can take over from.
 
-    Written under ``next``: ``step_time [1]``, seconds between this step and the one before, NaN
-    for the first step of an episode and after a pause; ``device_ok [1]`` bool.
+    Written under ``next``, zeros at a reset: ``device_ok [1]`` bool, whether the person's device
+    works, and with a pace ``step_time [1]``, seconds between this step and the one before; 0 for
+    the first step of an episode and after a pause.
 
     Args:
         pace: steps per second; None drives as fast as it goes.
@@ -80,7 +81,9 @@ class Cockpit(Transform):
         console: Console | None = None,
         stop: Event | None = None,
     ) -> None:
-        super().__init__(in_keys=[], out_keys=["step_time", "device_ok"])
+        super().__init__(
+            in_keys=[], out_keys=["device_ok"] if pace is None else ["step_time", "device_ok"]
+        )
         self.pace = pace
         self.total_steps = total_steps
         self.clock = None if pace is None else Clock(pace)
@@ -89,7 +92,7 @@ class Cockpit(Transform):
         self.stop = stop
         self._steps = steps_before
         self._frames = Frames(steps_before, total_steps, pace)
-        self._step_time = float("nan")
+        self._step_time = 0.0
         self._outcome: str | None = None
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -101,13 +104,14 @@ class Cockpit(Transform):
         if parts.console is not None and self._wait_for_person(parts) and self.clock is not None:
             self.clock.restart()
         passed = None if self.clock is None else self.clock.wait()
-        self._step_time = float("nan") if passed is None else passed
+        self._step_time = 0.0 if passed is None else passed
         return tensordict
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         parts = self._get_parts()
         self._steps += 1
-        next_tensordict.set("step_time", torch.full((1,), self._step_time))
+        if self.clock is not None:
+            next_tensordict.set("step_time", torch.full((1,), self._step_time))
         ok = parts.person is None or parts.person.device_ok
         next_tensordict.set("device_ok", torch.full((1,), ok))
         if parts.console is not None:
@@ -121,8 +125,8 @@ class Cockpit(Transform):
         parts = self._get_parts()
         if self.clock is not None:
             self.clock.restart()
-        tensordict_reset.set("step_time", torch.full((1,), float("nan")))
-        tensordict_reset.set("device_ok", torch.ones(1, dtype=torch.bool))
+            tensordict_reset.set("step_time", torch.zeros(1))
+        tensordict_reset.set("device_ok", torch.zeros(1, dtype=torch.bool))
         if parts.console is not None:
             parts.console.open()
             self._show_outcome(parts.console)
@@ -132,9 +136,10 @@ class Cockpit(Transform):
         return tensordict_reset
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Add the two published entries."""
+        """Add the published entries."""
         device = observation_spec.device
-        observation_spec["step_time"] = Unbounded(shape=(1,), device=device)
+        if self.clock is not None:
+            observation_spec["step_time"] = Unbounded(shape=(1,), device=device)
         observation_spec["device_ok"] = Binary(1, shape=(1,), dtype=torch.bool, device=device)
         return observation_spec
 

@@ -65,9 +65,9 @@ def test_hands_out_what_was_driven_while_the_learner_is_slow(actor):
     follows = steps["observation"][1:] == steps["next", "observation"][:-1]
     assert follows.all(-1)[~done[:-1]].all()
     times = steps["next", "step_time"].squeeze(-1)
-    assert times.isnan().nonzero().squeeze(-1).tolist() == [0, 40]  # where episodes begin
+    assert (times == 0.0).nonzero().squeeze(-1).tolist() == [0, 40]  # where episodes begin
     # The slow learner delays nobody: had each batch waited for it, steps would take 90 ms.
-    assert times[~times.isnan()].median() < 0.06
+    assert times[times > 0.0].median() < 0.06
     assert steps["next", "device_ok"].all()
     versions = steps["next", "policy_version"].squeeze(-1)
     assert (versions.diff() >= 0).all() and versions[0] == 0 and versions[-1] > 0

@@ -31,6 +31,7 @@ from torchrl.envs import (
 from torchrl.envs.utils import check_env_specs
 
 from haim_torchrl.envs import make_env
+from haim_torchrl.human import Cockpit
 from haim_torchrl.mentors import FunctionMentor
 from haim_torchrl.switches import ActionSwitch, Hold
 from haim_torchrl.traffic import disturbance_cost
@@ -265,6 +266,14 @@ CASES = (
         around=NEEDS_SIMULATOR,
         saved_around=NEEDS_SIMULATOR,
         twice=refuses(FileExistsError, "nothing is overwritten"),
+    ),
+    TransformCase(
+        "Cockpit",
+        lambda: Cockpit(None),  # the time that steps take is no property of the transform
+        published=("device_ok",),
+        written=lambda root, following: {"device_ok": torch.ones_like(following["done"])},
+        around=NEEDS_SIMULATOR,
+        saved_around=NEEDS_SIMULATOR,
     ),
     TransformCase(
         "ActionScaling",

@@ -136,7 +136,7 @@ def test_without_the_focus_nothing_moves(drive: Callable[..., Drive], keys: Any)
     entries = run.step()
     timer.join()
     assert time.monotonic() - start > 0.6  # 0.2 s away, and 0.5 s to find one's way back
-    assert entries["device_ok"] and entries["step_time"].isnan()
+    assert entries["device_ok"] and entries["step_time"] == 0.0
     # The key is not held any more, whatever the hand did meanwhile.
     assert run.steps_until(lambda entries: not intervened(entries)) <= 6
 
@@ -151,7 +151,7 @@ def test_a_pause_waits(drive: Callable[..., Drive], keys: Any) -> None:
     entries = run.step()
     timer.join()
     assert time.monotonic() - start > 0.25
-    assert entries["step_time"].isnan() and not intervened(entries)
+    assert entries["step_time"] == 0.0 and not intervened(entries)
 
 
 @pytest.mark.parametrize("how", ["escape", "window"])
