@@ -95,6 +95,10 @@ class Cockpit(Transform):
         self._step_time = 0.0
         self._outcome: str | None = None
 
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """``tensordict`` as it is: without an environment there is nothing to drive."""
+        return tensordict
+
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self._parts is None and self.parent is None:
             return tensordict
