@@ -4,7 +4,7 @@
     python benchmarks/bench_real_time.py --seconds 20     # a quick look
 
 A fake device sits at the page of ``mentor=browser`` and drives one third of the time, while the
-learner has more updates to do than it can (``train.updates_per_step=10``). The goal: 95 % of steps
+learner has more updates to do than it can (``train.updates_per_step=6``). The goal: 95 % of steps
 within 110 ms, none over 250 ms. Beside it, for a sixth of the time, what a loop in one process
 does: ``collector=sync`` at the same pace.
 """
@@ -71,7 +71,7 @@ def run(steps: int, port: int, *overrides: str) -> dict[str, float]:
         command = [
             *(sys.executable, "recipes/haim.py", "mentor=browser", f"mentor.console.port={port}"),
             *(f"total_frames={steps}", f"hydra.run.dir={folder}/run", "logger=csv"),
-            *("train.learning_starts=20", "train.updates_per_step=10", "train.validate_every=0"),
+            *("train.learning_starts=20", "train.updates_per_step=6", "train.validate_every=0"),
             *("eval.checkpoint=last", "eval.test.count=1", "eval.pictures=false", "eval.show=0"),
             *overrides,
         ]

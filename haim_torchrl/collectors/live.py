@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import multiprocessing
+import os
 import signal
 import time
 from collections.abc import Iterator
@@ -26,6 +27,8 @@ from haim_torchrl.transforms.transition import TakeoverToTransition
 
 HEARTBEAT = 0.5
 """Seconds without a whole batch after which an empty one is handed out."""
+YIELD = 10
+"""Niceness of the learner while it learns beside driving in real time."""
 LOOK_EVERY = 0.005
 """Seconds between two looks at what has come."""
 
@@ -196,6 +199,8 @@ class LiveCollector:
             auto_register_policy_transforms=False,
         )
         self._collector.start()
+        if self.pace is not None:  # where both want a core, the driving comes first
+            os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), YIELD))
         atexit.register(self.shutdown)  # else the end of this process would wait for that one
 
     def _written(self) -> int:
