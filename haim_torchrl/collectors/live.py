@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -101,6 +102,7 @@ class LiveCollector:
         """Steps handed out."""
         self._frames_before = 0
         self._collector: AsyncCollector | None = None
+        self._niceness: int | None = None
         self._mailbox: ReplayBuffer | None = None
         context = multiprocessing.get_context("spawn")
         self._stop = context.Event()
@@ -155,6 +157,9 @@ class LiveCollector:
             self._collector.shutdown(timeout=10.0)
             self._collector = None
             atexit.unregister(self.shutdown)
+            if self._niceness is not None:
+                with contextlib.suppress(PermissionError):  # not all may take priority back
+                    os.setpriority(os.PRIO_PROCESS, 0, self._niceness)
 
     def state_dict(self) -> dict[str, Any]:
         """The number of steps handed out."""
@@ -200,7 +205,8 @@ class LiveCollector:
         )
         self._collector.start()
         if self.pace is not None:  # where both want a core, the driving comes first
-            os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), YIELD))
+            self._niceness = os.getpriority(os.PRIO_PROCESS, 0)
+            os.setpriority(os.PRIO_PROCESS, 0, max(self._niceness, YIELD))
         atexit.register(self.shutdown)  # else the end of this process would wait for that one
 
     def _written(self) -> int:
