@@ -68,9 +68,6 @@ class LiveCollector:
         ValueError: numbers that do not fit together.
     """
 
-    continuous = True
-    """A checkpoint does not begin a new episode."""
-
     def __init__(
         self,
         env_factory: EnvFactory,
