@@ -18,6 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from haim_torchrl.collectors import shutting_down
+from haim_torchrl.evaluation.aftermath import say_how_it_was, show_alone
 from haim_torchrl.evaluation.assembly import (
     Sizes,
     World,
@@ -37,7 +38,6 @@ from haim_torchrl.evaluation.command import (
     run_command,
 )
 from haim_torchrl.evaluation.drivers import PolicyDriver
-from haim_torchrl.evaluation.person import check_person, say_how_it_was, show_alone
 from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.report import final_report
 from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
@@ -51,7 +51,6 @@ from haim_torchrl.objectives import NonFiniteLossError, UpdateStep
 def train(config: DictConfig) -> Path:
     """Train, evaluate on held-out scenarios, and write everything to the run's folder."""
     device = prepare(config)
-    check_person(config)
     world = World.of(config, "train", takeovers=True).recorded(config)
     sizes = Sizes.of_world(world)
 

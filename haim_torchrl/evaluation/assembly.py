@@ -39,6 +39,7 @@ from haim_torchrl.evaluation.drivers import (
     StraightDriver,
     simulator_of,
 )
+from haim_torchrl.evaluation.person import check_person
 from haim_torchrl.evaluation.training_log import ScalarLogger
 from haim_torchrl.transforms import InterventionTransform, SessionRecorder, TakeoverToTransition
 
@@ -84,6 +85,7 @@ def prepare(config: DictConfig) -> torch.device:
         Where networks and updates compute.
     """
     check_config(config)
+    check_person(config)
     if replays_session(config) and "total_frames" in config:
         _check_length(config)
     torch.set_num_threads(config.threads)

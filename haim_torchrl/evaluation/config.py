@@ -276,10 +276,15 @@ def replays_session(config: Any) -> bool:
     return str(config.mentor.get("_target_", "")).endswith(".ReplayMentor")
 
 
+def names_mentor(config: Any) -> bool:
+    """Whether the mentor is among those who drive in a recipe that does not train."""
+    driver = config.get("driver", "mentor")  # cloning records the mentor
+    return any("mentor" in name for name in ([driver] if isinstance(driver, str) else driver))
+
+
 def _check_session(config: DictConfig) -> None:
     if "train" not in config:
-        driver = config.get("driver", "mentor")
-        if any("mentor" in name for name in ([driver] if isinstance(driver, str) else driver)):
+        if names_mentor(config):
             raise ConfigError(
                 "mentor=replay drives the training of recipes/haim.py again and nothing else; "
                 "choose another mentor, such as mentor=expert switch=shield"

@@ -107,8 +107,6 @@ class HumanMentor:
         self.time_step = time_step
         self.reading = Reading()
         """What the person did at the last look."""
-        self.falling_back = False
-        """Whether the fallback drives the present step."""
         self._ok = False
         self._met = False  # whether there ever was a person
         self._well_since: float | None = None
@@ -121,6 +119,11 @@ class HumanMentor:
     def device_ok(self) -> bool:
         """Whether the device worked at the last look."""
         return self._ok
+
+    @property
+    def falling_back(self) -> bool:
+        """Whether, by the last look, another mentor must drive in the person's place."""
+        return not self._ok and isinstance(self.fallback, Mentor)
 
     @property
     def latency_ms(self) -> float | None:
@@ -180,7 +183,6 @@ class HumanMentor:
         agent = _pair(action_agent)
         reading = self.look()
         self._asked = True
-        self.falling_back = not self._ok and isinstance(self.fallback, Mentor)
         if self.falling_back:
             self._driving = True
             return True
@@ -202,8 +204,7 @@ class HumanMentor:
         if not (self._asked and self._driving):
             self.look()  # another switch gave control: the person was not asked, or did not want it
             self._asked = False
-            self.falling_back = not self._ok and isinstance(self.fallback, Mentor)
-        if self.falling_back and isinstance(self.fallback, Mentor):
+        if not self._ok and isinstance(self.fallback, Mentor):
             action = torch.as_tensor(self.fallback.act(simulator, tensordict))
             self._command, self._asked = _pair(action), False
             return action

@@ -13,10 +13,11 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 from haim_torchrl.data import TakeoverReplayBuffer
+from haim_torchrl.evaluation.aftermath import say_how_it_was, show_alone
 from haim_torchrl.evaluation.command import register
 from haim_torchrl.evaluation.config import ConfigError, check_config
 from haim_torchrl.evaluation.drivers import StraightDriver
-from haim_torchrl.evaluation.person import check_person, is_person, say_how_it_was, show_alone
+from haim_torchrl.evaluation.person import check_person, is_person
 from haim_torchrl.modules import make_actor
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -115,9 +116,12 @@ def test_what_a_person_cannot_do_is_one_sentence(overrides: list[str], said: str
     assert str(caught.value) == said
 
 
-@pytest.mark.parametrize("recipe", ["clone", "evaluate"])
-def test_people_take_part_in_training_only(recipe: str) -> None:
-    config = load(name=recipe)
+@pytest.mark.parametrize(
+    "recipe", [("clone",), ("evaluate", "driver=mentor"), ("evaluate", "driver=[random,mentor]")]
+)
+def test_people_take_part_in_training_only(recipe: tuple[str, ...]) -> None:
+    name, *overrides = recipe
+    config = load(*overrides, name=name)
     config.mentor = load("mentor=keyboard").mentor
     with pytest.raises(ConfigError) as caught:
         check_person(config)
@@ -125,6 +129,12 @@ def test_people_take_part_in_training_only(recipe: str) -> None:
         "mentor is a person, who takes part in recipes/haim.py only; choose another mentor here, "
         "such as mentor=expert"
     )
+
+
+def test_a_policy_that_a_person_taught_is_evaluated_without_them() -> None:
+    config = load("driver=[policy,random]", name="evaluate")
+    config.mentor = load("mentor=wheel").mentor
+    check_person(config)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="others always have a display")
