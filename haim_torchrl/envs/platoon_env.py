@@ -74,6 +74,11 @@ class PlatoonEnv(AbstractEnv):
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
     @property
+    def followers(self) -> int:
+        """Number N of followers."""
+        return self.settings.followers
+
+    @property
     def minimum_acceleration(self) -> float:
         """Strongest braking of the AV [m/s²], negative."""
         return command(np.array([-1.0, 0.0]))["acceleration"]
