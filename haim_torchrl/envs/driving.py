@@ -34,6 +34,9 @@ class DrivingSimulator(Protocol):
     ``cost`` (+1 a collision), ``success``, ``crash``, ``out_of_road``, ``wrong_way``, and arrays
     ``follower_gaps`` [m] and ``follower_speeds`` [m/s] of shape [N], float32.
 
+    A simulator that cannot make a scenario of every number has a method ``seed_draws(seed)``, too,
+    which seeds the generator that scenarios of the set are drawn with.
+
     Attributes:
         followers: N.
         minimum_acceleration: strongest braking of the AV [m/s²], negative.
@@ -109,6 +112,14 @@ class DrivingTorchEnv(GymWrapper):
     The generic wrapper finds out anew at each step what the simulator returned; that costs about
     as much as simulating. Specs, seeding and resets are TorchRL's own.
     """
+
+    def _set_seed(self, seed: int | None) -> None:
+        """Seed the draws of scenarios; where any number is a scenario, begin with that one."""
+        seed_draws = getattr(self._env.unwrapped, "seed_draws", None)
+        if seed_draws is None:
+            super()._set_seed(seed)
+        else:
+            seed_draws(seed)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").numpy()
