@@ -14,11 +14,12 @@ PIP_ARGS    ?=
 BIN     := $(VENV)/bin
 INSTALL  = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) -c $(CONSTRAINTS)
 
-.PHONY: help train drive test lint bench constraints clean
+.PHONY: help train drive metadrive test lint bench constraints clean
 
 help:
 	@echo "make train        install into $(VENV) and train: python recipes/haim.py ARGS"
 	@echo "make drive        the same on one easy map, with you as the mentor, in a browser"
+	@echo "make metadrive    train on MetaDrive, the paper's simulator"
 	@echo "make test         ruff, mypy and all tests: pytest ARGS"
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        speed and memory: benchmarks/bench_*.py"
@@ -30,6 +31,9 @@ train: $(VENV)/installed
 
 drive: $(VENV)/installed-browser
 	$(BIN)/python recipes/haim.py preset=first_drive mentor=browser $(ARGS)
+
+metadrive: $(VENV)/installed-metadrive
+	$(BIN)/python recipes/haim.py env=metadrive $(ARGS)
 
 test: lint
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
@@ -53,8 +57,17 @@ $(VENV)/installed: pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) -e .
 	@touch $@
 
+# MetaDrive asks for pygame, which overwrites the files of pygame-ce; it runs with either.
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) -e ".[dev]"
+	$(BIN)/python -m pip uninstall --quiet --yes pygame
+	$(INSTALL) --force-reinstall --no-deps pygame-ce
+	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-metadrive: pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) -e ".[metadrive]"
+	$(BIN)/python -m pip uninstall --quiet --yes pygame
+	$(INSTALL) --force-reinstall --no-deps pygame-ce
 	@touch $@ $(VENV)/installed
 
 $(VENV)/installed-browser: pyproject.toml constraints.txt | $(BIN)/python

@@ -26,7 +26,7 @@ PICTURE = Path(__file__).parents[1] / "pictures" / "window.png"
 
 def press(key, place):
     """Press a key of the console's window, and keep it pressed."""
-    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, scancode=place))
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key, scancode=place))
 
 
 def main(arguments=None):

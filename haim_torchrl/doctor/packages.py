@@ -19,7 +19,7 @@ OPTIONAL = (
     ("uvicorn", "mentor=browser", "haim-torchrl[browser]"),
     ("websockets", "mentor=browser", "haim-torchrl[browser]"),
     ("minari", "demonstrations in Minari's format", "minari"),
-    ("metadrive-simulator", "MetaDrive as the environment", "metadrive-simulator"),
+    ("metadrive-simulator", "env=metadrive", "haim-torchrl[metadrive]"),
     ("wandb", "logger=wandb", "haim-torchrl[wandb]"),
     ("stable-baselines3", "the benchmark against it", "haim-torchrl[bench]"),
 )
@@ -119,7 +119,10 @@ def pygame() -> Check:
     if not versions:
         return Check("pygame", "fail", "not installed", "pip install pygame-ce")
     both = " and ".join(f"{name} {version}" for name, version in versions.items())
-    mend = "pip uninstall --yes pygame pygame-ce, then pip install pygame-ce"
+    mend = (
+        "pip uninstall --yes pygame, then pip install --force-reinstall --no-deps pygame-ce; "
+        "metadrive-simulator, which asks for pygame, is content with it"
+    )
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     try:
         importlib.import_module("pygame.display")

@@ -55,7 +55,7 @@ def fingers(work: Callable[[threading.Event], None]) -> Iterator[None]:
 
 def post(kind: int, key: int, scancode: int) -> None:
     if pygame.display.get_init():
-        pygame.event.post(pygame.Event(kind, key=key, scancode=scancode, mod=0, unicode=""))
+        pygame.event.post(pygame.event.Event(kind, key=key, scancode=scancode, mod=0, unicode=""))
 
 
 def tap_throttle(ended: threading.Event) -> None:

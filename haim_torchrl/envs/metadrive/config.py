@@ -54,6 +54,9 @@ class MetaDriveConfig:
         accident_probability: probability that a straight, curve or ramp holds an accident or a
             construction site.
         speed_limit: of the AV [m/s]: 40 km/h.
+        max_steering: front-wheel angle at full steering [rad]. MetaDrive's car turns its wheels by
+            0.70, which at 30 km/h throws it off the road; 0.35 does for each of its bends.
+        max_braking: deceleration at full braking [m/s²]. MetaDrive's car locks its wheels.
         followers: N.
         follower_gap: their initial bumper-to-bumper gaps [m].
         initial_speed: of the AV and its followers [m/s].
@@ -77,6 +80,8 @@ class MetaDriveConfig:
     traffic_density: float = 0.2
     accident_probability: float = 0.8
     speed_limit: float = 11.1
+    max_steering: float = 0.35
+    max_braking: float = 8.0
     followers: int = 5
     follower_gap: float = 15.0
     initial_speed: float = 0.0
@@ -103,7 +108,14 @@ class MetaDriveConfig:
         for name in ("traffic_density", "accident_probability"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name}: must be in [0, 1], got {getattr(self, name)}")
-        for name in ("speed_limit", "lane_width", "forecast_braking", "follower_gap"):
+        for name in (
+            "speed_limit",
+            "lane_width",
+            "forecast_braking",
+            "follower_gap",
+            "max_steering",
+            "max_braking",
+        ):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
         for name in ("initial_speed", "contact_pause", "forecast_hold", "forecast_gap_margin"):

@@ -69,6 +69,9 @@ def translate(settings: MetaDriveConfig) -> dict[str, Any]:
         "crash_vehicle_penalty": 0.0,
         "crash_object_penalty": 0.0,
         "store_map": settings.cached_maps,
+        # Vehicles used again bring something of their last episode along: without this, scenario k
+        # depended on which scenarios came before it.
+        "num_buffering_objects": 0,
         "vehicle_config": {
             "lidar": {
                 "num_lasers": settings.observation.rays if _sees_lidar(settings) else 0,

@@ -26,11 +26,6 @@ REACH = 80.0
 """How far from the AV things are looked at [m]."""
 ON_LANE = 1.4
 """A thing is on a lane when its centre is closer to it than this plus its half width [m]."""
-WHEELBASE = 2.47
-"""Distance of the axles of MetaDrive's default car [m]; its measured yaw rates fit 2.5 m."""
-ENGINE, BRAKES = 2.76, 16.3
-"""Acceleration at full throttle and deceleration per unit of brake [m/s²]; measured. The wheels
-slip at about 8 to 11 m/s²."""
 
 
 @dataclass
@@ -52,7 +47,7 @@ class MetaDriveRoad:
         env: MetaDrive's environment, just reset.
         platoon: the followers.
         lanes, lane_width: of each road.
-        speed_limit: of the AV [m/s].
+        model: what the AV can do.
 
     Attributes:
         scenario: the AV's carriageway.
@@ -60,7 +55,7 @@ class MetaDriveRoad:
     """
 
     def __init__(
-        self, env: Any, platoon: Platoon, lanes: int, lane_width: float, speed_limit: float
+        self, env: Any, platoon: Platoon, lanes: int, lane_width: float, model: CarModel
     ) -> None:
         self._env, self._engine, self.platoon = env, env.engine, platoon
         agent = env.agent
@@ -73,10 +68,6 @@ class MetaDriveRoad:
         self._paths = [lane.path for lane in self.lanes]
         self._path_of: dict[tuple[str, Any], int] = {}
         self._tables: tuple[Array, Array, Array, np.ndarray] | None = None
-        model = CarModel(
-            float(agent.LENGTH), float(agent.WIDTH), WHEELBASE,
-            float(np.deg2rad(agent.max_steering)), ENGINE, BRAKES, speed_limit,
-        )  # fmt: skip
         self.av = AutomatedCar(np.zeros(2), 0.0, 0.0, model)
         self.followers = len(platoon.speeds)
         self._speeds: dict[str, tuple[int, float]] = {}

@@ -12,6 +12,7 @@ from metadrive.engine.engine_utils import engine_initialized
 
 from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.envs.forecast import StallCounter, forecast
+from haim_torchrl.envs.metadrive.car import GRIP, car_model, to_metadrive
 from haim_torchrl.envs.metadrive.config import MetaDriveConfig
 from haim_torchrl.envs.metadrive.engine import open_engine
 from haim_torchrl.envs.metadrive.road import MetaDriveRoad
@@ -22,15 +23,13 @@ from haim_torchrl.switches.protocol import Forecast
 
 TIME_STEP = 0.1
 """Duration of a step [s]."""
-GRIP = 8.0
-"""Deceleration at which the wheels slip [m/s²]; measured, at the least."""
 
 
 class MetaDriveSimulator(gym.Env):
     """One AV with N followers on MetaDrive's random roads; a ``DrivingSimulator``.
 
-    Actions: (pedal, steering) in [-1, 1]², steering positive to the right. The pedals are
-    MetaDrive's own: +1 gives 2.8 m/s², -1 locks the wheels at about 11 m/s². Reward, arrival and
+    Actions: (acceleration, steering) in [-1, 1]², steering positive to the right: full throttle
+    gives 2.8 m/s², full braking and full steering what the settings say. Reward, arrival and
     leaving the route are MetaDrive's; a collision is counted once, not in each step of contact
     (decision 16).
 
@@ -61,8 +60,8 @@ class MetaDriveSimulator(gym.Env):
 
     @property
     def minimum_acceleration(self) -> float:
-        """Strongest braking that the wheels hold on to the road for [m/s²]."""
-        return -GRIP
+        """Strongest braking for which the wheels hold on to the road [m/s²]."""
+        return -min(self.settings.max_braking, GRIP)
 
     @property
     def reflection(self) -> Reflection | None:
@@ -71,6 +70,11 @@ class MetaDriveSimulator(gym.Env):
         if self._view != "route" or mirrored is None:
             return None
         return Reflection(*mirrored, action_sign=(1.0, -1.0))
+
+    @property
+    def agent(self) -> Any:
+        """MetaDrive's vehicle of the AV."""
+        return self._env.agent
 
     # Episodes.
     def reset(
@@ -100,7 +104,7 @@ class MetaDriveSimulator(gym.Env):
             env.agent.set_velocity(env.agent.heading, settings.initial_speed)
         platoon = env.engine.follower_manager.platoon
         self.road = MetaDriveRoad(
-            env, platoon, settings.lanes, settings.lane_width, settings.speed_limit
+            env, platoon, settings.lanes, settings.lane_width, car_model(env.agent, settings)
         )
         self._start = self.road.av_on_route[0]
         self.steps, self.distance, self.acceleration = 0, 0.0, 0.0
@@ -120,10 +124,10 @@ class MetaDriveSimulator(gym.Env):
         Raises:
             ValueError: the action is not two finite numbers.
         """
-        pedal, wheel = self._command(action)
+        command = to_metadrive(self.agent, *self._command(action))
         av = self.road.av
         speed, position = av.speed, av.position
-        observation, reward, terminated, truncated, info = self._env.step([-wheel, pedal])
+        observation, reward, terminated, truncated, info = self._env.step(command)
         self.road.refresh()
         self.steps += 1
         self.distance += float(np.hypot(*(av.position - position)))
@@ -141,12 +145,13 @@ class MetaDriveSimulator(gym.Env):
         if engine_initialized():
             self._env.close()
 
-    @staticmethod
-    def _command(action: np.ndarray) -> tuple[float, float]:
+    def _command(self, action: np.ndarray) -> tuple[float, float]:
+        """Acceleration [m/s²] and front-wheel angle [rad]."""
         pedal, wheel = map(float, action)
         if not (math.isfinite(pedal) and math.isfinite(wheel)):
             raise ValueError(f"action: must be two finite numbers, got {[pedal, wheel]}")
-        return min(max(pedal, -1.0), 1.0), min(max(wheel, -1.0), 1.0)
+        pedal, wheel = min(max(pedal, -1.0), 1.0), min(max(wheel, -1.0), 1.0)
+        return self.road.av.model.command(pedal, wheel)
 
     def _judge(self, info: dict[str, Any]) -> bool:
         """Note what happened in the step; returns whether the AV touches anything."""
@@ -204,8 +209,7 @@ class MetaDriveSimulator(gym.Env):
     def forecast(self, action: np.ndarray) -> Forecast:
         """Where the action leads if it is held for a moment and the AV then brakes."""
         settings = self.settings
-        pedal, wheel = self._command(action)
-        acceleration, angle = self.road.av.model.command(pedal, wheel)
+        acceleration, angle = self._command(action)
         return forecast(
             self.road,
             max(acceleration, -GRIP),

@@ -51,7 +51,7 @@ class Keys:
 
     def _post(self, kind: int, name: str) -> None:
         key, scancode = PLACES[name]
-        pygame.event.post(pygame.Event(kind, key=key, scancode=scancode, mod=0, unicode=""))
+        pygame.event.post(pygame.event.Event(kind, key=key, scancode=scancode, mod=0, unicode=""))
 
 
 @pytest.fixture

@@ -73,10 +73,10 @@ def test_without_the_focus_nothing_is_held(opened: Opened, keys: Any) -> None:
     console = opened()
     keys.down("up")
     assert console.read().controls.throttle == 1.0
-    pygame.event.post(pygame.Event(pygame.WINDOWFOCUSLOST))
+    pygame.event.post(pygame.event.Event(pygame.WINDOWFOCUSLOST))
     reading = console.read()
     assert not reading.connected and reading.controls == RELEASED
-    pygame.event.post(pygame.Event(pygame.WINDOWFOCUSGAINED))
+    pygame.event.post(pygame.event.Event(pygame.WINDOWFOCUSGAINED))
     reading = console.read()
     assert reading.connected and reading.controls == RELEASED
 
@@ -93,7 +93,7 @@ def test_p_pauses_and_goes_on_and_escape_quits(opened: Opened, keys: Any) -> Non
 
 def test_closing_the_window_quits(opened: Opened) -> None:
     console = opened()
-    pygame.event.post(pygame.Event(pygame.QUIT))
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
     assert console.read().quit
 
 

@@ -128,8 +128,8 @@ def test_without_the_focus_nothing_moves(drive: Callable[..., Drive], keys: Any)
     run = drive()
     keys.down("up")
     assert intervened(run.step())
-    pygame.event.post(pygame.Event(pygame.WINDOWFOCUSLOST))
-    back = pygame.Event(pygame.WINDOWFOCUSGAINED)
+    pygame.event.post(pygame.event.Event(pygame.WINDOWFOCUSLOST))
+    back = pygame.event.Event(pygame.WINDOWFOCUSGAINED)
     timer = threading.Timer(0.2, pygame.event.post, (back,))
     timer.start()
     start = time.monotonic()
@@ -158,6 +158,6 @@ def test_a_pause_waits(drive: Callable[..., Drive], keys: Any) -> None:
 def test_quitting_ends_the_run(drive: Callable[..., Drive], keys: Any, how: str) -> None:
     run = drive()
     run.step()
-    keys.tap("escape") if how == "escape" else pygame.event.post(pygame.Event(pygame.QUIT))
+    keys.tap("escape") if how == "escape" else pygame.event.post(pygame.event.Event(pygame.QUIT))
     with pytest.raises(PersonQuit):
         run.step()
