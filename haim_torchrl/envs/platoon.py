@@ -12,7 +12,7 @@ from numba import njit
 
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, SPEED, X, Y
 from haim_torchrl.envs.path import Array, Path, interpolate, project
-from haim_torchrl.envs.vehicles import FollowerVehicle
+from haim_torchrl.envs.vehicles import AutomatedVehicle, FollowerVehicle
 from haim_torchrl.traffic.car_following import IDMParameters
 from haim_torchrl.traffic.kernels import IDMConstants, idm_acceleration_scalar, idm_constants
 
@@ -29,7 +29,8 @@ class Platoon:
         gap: initial bumper-to-bumper gaps [m].
         speed: initial speed [m/s].
         params: the drivers' IDM parameters.
-        length: of the AV and each follower [m].
+        length: of each follower [m].
+        lead_length: of the AV [m].
 
     Attributes:
         gaps: gaps to the predecessor (the AV for the first) [m], shape [N].
@@ -48,6 +49,7 @@ class Platoon:
         speed: float,
         params: IDMParameters,
         length: float = FollowerVehicle.LENGTH,
+        lead_length: float = AutomatedVehicle.LENGTH,
     ) -> None:
         self._used = len(run_up.x)
         self._samples = np.zeros((3, self._used + CAPACITY))
@@ -57,7 +59,8 @@ class Platoon:
         self._constants = idm_constants(params)
         self._max_speed = params.desired_speed
         self._length = length
-        self._s: Array = self.trail_length - (gap + length) * np.arange(1.0, count + 1)
+        self._longer = (lead_length - length) / 2  # the AV's rear is so much farther back [m]
+        self._s: Array = self._lead_s - (gap + length) * np.arange(1.0, count + 1)
         self.gaps = np.full(count, gap, dtype=float)
         self.speeds = np.full(count, speed, dtype=float)
         self.accelerations = np.zeros(count)
@@ -83,13 +86,18 @@ class Platoon:
         found = blockers(others, xs, ys, headings)
         found[:, 0] += first
         follow(
-            self._s, self.speeds, self.trail_length, speed, found, self._length, dt,
+            self._s, self.speeds, self._lead_s, speed, found, self._length, dt,
             self._max_speed, self._constants,
         )  # fmt: skip
         self.accelerations = (self.speeds - before) / dt
-        self.gaps[0] = self.trail_length - self._s[0] - self._length
+        self.gaps[0] = self._lead_s - self._s[0] - self._length
         self.gaps[1:] = self._s[:-1] - self._s[1:] - self._length
         self._place()
+
+    @property
+    def _lead_s(self) -> float:
+        """Where on the trail the AV's centre would be if it were as long as a follower [m]."""
+        return self.trail_length - self._longer
 
     def _extend(self, position: Array) -> None:
         travelled = position - self._last
@@ -149,7 +157,8 @@ def follow(
         s, speeds: their arc lengths on the trail [m] and speeds [m/s], both [N].
         lead_s, lead_speed: the AV's [m, m/s].
         others: who else stands on the trail (see :func:`blockers`), [K, 3].
-        length: of the AV and each follower [m].
+        length: of each follower [m].
+        lead_length: of the AV [m].
         dt: time step [s].
         max_speed: limit of the speeds [m/s].
         constants: the drivers' IDM parameters.

@@ -21,11 +21,15 @@ class MetaDriveObservation:
             car's state (two of them its last action), 10 of navigation, 240 laser ranges.
             ``route`` is the default world's view along the route
             (:func:`~haim_torchrl.envs.observation.observe`), made of the same kind of rays.
+        motion: whether ``lidar`` tells steering, last action and yaw rate, as in the paper.
+            Without, these four numbers are constant: a learner that sees its last action copies
+            it (docs/results.md).
         rays: number of lasers.
         reach: their range [m].
     """
 
     view: str = "lidar"
+    motion: bool = False
     rays: int = 240
     reach: float = 50.0
 

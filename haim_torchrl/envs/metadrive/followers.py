@@ -8,11 +8,13 @@ drivers would not do: they keep other gaps (10 m and 1.5 s) and lose the AV in a
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
-from metadrive.component.vehicle.vehicle_type import DefaultVehicle
+from metadrive.component.vehicle.vehicle_type import MVehicle
 from metadrive.manager.base_manager import BaseManager
+from panda3d.core import LVector3
 
 from haim_torchrl.envs.geometry import COLUMNS
 from haim_torchrl.envs.metadrive.config import MetaDriveConfig
@@ -38,17 +40,21 @@ class FollowerManager(BaseManager):
     """
 
     PRIORITY = 20  # after the AV and the traffic
-    LENGTH = float(DefaultVehicle.DEFAULT_LENGTH)
+    # MetaDrive's lasers look 1.2 m above the road, over the roof of its default car.
+    LENGTH, WIDTH = float(MVehicle.DEFAULT_LENGTH), float(MVehicle.DEFAULT_WIDTH)
 
     def __init__(self, settings: MetaDriveConfig) -> None:
         super().__init__()
         self._settings = settings
         self._idm: IDMParameters = settings.idm
         self.platoon: Platoon | None = None
-        self._vehicles: list[DefaultVehicle] = []
+        self._vehicles: list[MVehicle] = []
 
     def before_reset(self) -> None:
         """Take them off the road."""
+        for vehicle in self._vehicles:  # as MetaDrive made it, or it cannot take it off
+            self._physics.removeRigidBody(vehicle.body)
+            self._physics.attachVehicle(vehicle.system)
         super().before_reset()
         self.platoon, self._vehicles = None, []
 
@@ -57,21 +63,31 @@ class FollowerManager(BaseManager):
         settings, av = self._settings, self.engine.agents["default_agent"]
         lane = av.lane
         start, _ = lane.local_coordinates(av.position)
-        run_up = lane_middle(lane, 0.0, start)
+        # A path has a sample every metre, and this one is to end where the AV stands.
+        run_up = lane_middle(lane, start - math.floor(start) - 1e-6, start)
         self.platoon = Platoon(
             run_up,
             settings.followers,
             settings.follower_gap,
             settings.initial_speed,
             self._idm,
-            self.LENGTH,  # of the AV, too
+            self.LENGTH,
+            float(av.LENGTH),
         )
         for _ in range(settings.followers):
             config = {"spawn_lane_index": lane.index, "spawn_longitude": 0.0}
-            vehicle = self.spawn_object(DefaultVehicle, vehicle_config=config)
+            vehicle = self.spawn_object(MVehicle, vehicle_config=config)
             vehicle.set_static(True)  # the platoon moves it, not the physics
+            # Without its wheels, which would take a sixth of the physics' time for nothing.
+            self._physics.removeVehicle(vehicle.system)
             self._vehicles.append(vehicle)
         self._place(lane)
+        for vehicle in self._vehicles:
+            self._physics.attachRigidBody(vehicle.body)  # now, or lasers miss it until it moves
+
+    @property
+    def _physics(self) -> Any:
+        return self.engine.physics_world.dynamic_world
 
     def after_step(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """Follow the AV to its new position."""
@@ -85,11 +101,14 @@ class FollowerManager(BaseManager):
 
     def _place(self, lane: Any) -> None:
         assert self.platoon is not None
-        poses = zip(self._vehicles, self.platoon.poses, self.platoon.speeds, strict=True)
+        poses = zip(
+            self._vehicles, self.platoon.poses.tolist(), self.platoon.speeds.tolist(), strict=True
+        )
         for vehicle, (x, y, heading), speed in poses:
             vehicle.set_position((x, -y))
             vehicle.set_heading_theta(-heading)
-            vehicle.set_velocity((np.cos(heading), -np.sin(heading)), float(speed))
+            velocity = LVector3(speed * math.cos(heading), -speed * math.sin(heading), 0.0)
+            vehicle.body.setLinearVelocity(velocity)
 
     def _others(self, x: float, y: float) -> Array:
         """Bodies of the traffic near the AV, [M, 10]."""

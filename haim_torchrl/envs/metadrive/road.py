@@ -11,7 +11,7 @@ from haim_torchrl.envs import geometry
 from haim_torchrl.envs.carriageway import CarModel, Carriageway
 from haim_torchrl.envs.geometry import PATH, SPEED, X, Y
 from haim_torchrl.envs.lanes import PathLane
-from haim_torchrl.envs.metadrive.followers import body
+from haim_torchrl.envs.metadrive.followers import FollowerManager, body
 from haim_torchrl.envs.metadrive.route import carriageway, way_of
 from haim_torchrl.envs.path import Array
 from haim_torchrl.envs.planning import PREDICTION_STEP
@@ -147,6 +147,7 @@ class MetaDriveRoad:
         rows: list[tuple[float, ...]] = [
             (*av.position, av.heading, av.speed, 0.0, half_length, half_width, -1, 0.0, 0.0)
         ]
+        half_length, half_width = FollowerManager.LENGTH / 2, FollowerManager.WIDTH / 2
         for pose, speed, acceleration in zip(
             platoon.poses.tolist(), platoon.speeds.tolist(), platoon.accelerations.tolist()
         ):

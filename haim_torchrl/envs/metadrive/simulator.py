@@ -21,6 +21,8 @@ from haim_torchrl.envs.observation import observe
 from haim_torchrl.evaluation.recording import RoadLine, ScenarioLabels, Snapshot
 from haim_torchrl.switches.protocol import Forecast
 
+MOTION = slice(4, 8)
+"""Where MetaDrive's vector has the steering, the last action (two numbers) and the yaw rate."""
 TIME_STEP = 0.1
 """Duration of a step [s]."""
 
@@ -109,6 +111,7 @@ class MetaDriveSimulator(gym.Env):
         self._start = self.road.av_on_route[0]
         self.steps, self.distance, self.acceleration = 0, 0.0, 0.0
         self._stall = StallCounter(settings.initial_speed)
+        self._slow, self._stalls_at = 0.0, 0
         self._last_contact = {"vehicle": -math.inf, "object": -math.inf}
         self._events = dict.fromkeys(("crash", "out_of_road", "wrong_way", "success"), False)
         self._cost = 0.0
@@ -185,11 +188,15 @@ class MetaDriveSimulator(gym.Env):
         s, d = road.av_on_route
         wanted = min(self.settings.speed_limit, road.lanes[road.scenario.lane_at(d)].speed_at(s))
         slow = self.settings.stall_speed * wanted
-        self._stall.update(av.speed, slow, av.speed <= slow and road.held_up(slow))
+        self._slow = slow
+        if av.speed > slow:
+            self._stall.update(av.speed, slow, held_up=False)
 
     def _observe(self, observation: np.ndarray) -> np.ndarray:
         if self._view == "route":
             return observe(self.road, self.settings.observation.route)
+        if not self.settings.observation.motion:
+            observation[MOTION] = 0.5
         return observation
 
     def _info(self) -> dict[str, Any]:
@@ -207,8 +214,14 @@ class MetaDriveSimulator(gym.Env):
 
     # What switches, mentors and recorders ask.
     def forecast(self, action: np.ndarray) -> Forecast:
-        """Where the action leads if it is held for a moment and the AV then brakes."""
-        settings = self.settings
+        """Where the action leads if it is held for a moment and the AV then brakes.
+
+        Slow steps count as stalled if somebody asks here in each of them.
+        """
+        settings, speed = self.settings, self.road.av.speed
+        if speed <= self._slow and self._stalls_at < self.steps:
+            self._stall.update(speed, self._slow, self.road.held_up(self._slow))
+            self._stalls_at = self.steps
         acceleration, angle = self._command(action)
         return forecast(
             self.road,
