@@ -68,7 +68,8 @@ class ImageEncoder(nn.Module):
         layers: list[nn.Module] = []
         inputs, size = image[0], image[1]
         for outputs, (kernel, step) in zip(channels, ((2 * stride, stride), (4, 2), (3, 1))):
-            layers += [nn.Conv2d(inputs, outputs, kernel, step, device=device), nn.ReLU(inplace=True)]
+            layers += [nn.Conv2d(inputs, outputs, kernel, step, device=device)]
+            layers += [nn.ReLU(inplace=True)]
             inputs, size = outputs, (size - kernel) // step + 1
         self.layers = nn.Sequential(*layers, nn.Flatten())
         self.features = inputs * size * size + numbers
