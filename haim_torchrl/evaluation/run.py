@@ -337,7 +337,7 @@ def evaluated_config(config: DictConfig, hydra: HydraConf, path: Path) -> DictCo
     shared = [key for key in BaseConfig.__dataclass_fields__ if key in saved and key != "name"]
     # A group is the checkpoint's as a whole: two members of it may have different keys.
     groups = {key for key in shared if key != "eval" and OmegaConf.is_dict(saved[key])}
-    rest = OmegaConf.masked_copy(config, [key for key in config if key not in groups])
+    rest = OmegaConf.masked_copy(config, [key for key in map(str, config) if key not in groups])
     result = OmegaConf.merge(rest, OmegaConf.masked_copy(saved, shared))
     assert isinstance(result, DictConfig)
     result.eval.set = config.eval.set

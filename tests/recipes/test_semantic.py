@@ -1,4 +1,4 @@
-"""Image and speed through the recipes: training, going on, evaluating, cloning, and bad settings."""
+"""Image and speed through the recipes: training, going on, evaluating, cloning, bad settings."""
 
 from __future__ import annotations
 
