@@ -7,26 +7,19 @@ mentor (which of my options is free?).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from haim_torchrl.envs.carriageway import Surroundings
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, overlaps
 from haim_torchrl.envs.path import Array, interpolate, project
-from haim_torchrl.envs.vehicles import STEERING
-
-if TYPE_CHECKING:
-    from haim_torchrl.envs.road import PlatoonRoad
 
 TIME_STEP = 0.1
 """Time step of the look-ahead [s]."""
 PREDICTION_STEP = 0.2
 """Time between two predicted poses of the others [s]; a whole number of time steps."""
-WHEELBASE = 5.0
-"""Length of the AV, which highway-env's bicycle takes for its wheelbase, too [m]."""
-AV_HALF_WIDTH = 1.0
-"""Half of the AV's width [m]."""
 LANE_MARGIN = 1.2
 """How near to the road's edge the AV steers when it keeps its offset [m]."""
 LATERAL_SPEED = 1.5
@@ -97,15 +90,16 @@ class Outlook(NamedTuple):
         return bool(np.isinf(self.time_to_collision) and np.isinf(self.time_to_departure))
 
 
-def look_ahead(road: PlatoonRoad, manoeuvre: Manoeuvre, margins: Margins) -> Outlook:
+def look_ahead(road: Surroundings, manoeuvre: Manoeuvre, margins: Margins) -> Outlook:
     """Where a manoeuvre of the AV leads, if the others go on as predicted."""
-    av, route = road.av, road.scenario.route
+    av, model, route = road.av, road.av.model, road.scenario.route
     return Outlook(
         *_look_ahead(
             av.position[0], av.position[1], av.heading, av.speed,
             manoeuvre.acceleration, manoeuvre.steering, manoeuvre.hold,
             manoeuvre.then, manoeuvre.target_d,
-            STEERING, manoeuvre.max_speed, manoeuvre.horizon,
+            model.steering, model.wheelbase, model.length / 2, model.width / 2,
+            manoeuvre.max_speed, manoeuvre.horizon,
             route.x, route.y, route.heading, road.scenario.half_width, margins.road,
             road.others, road.predicted(), margins.ahead, margins.beside, margins.still,
         )
@@ -115,7 +109,7 @@ def look_ahead(road: PlatoonRoad, manoeuvre: Manoeuvre, margins: Margins) -> Out
 @njit(cache=True)
 def pursue(
     x: float, y: float, heading: float, speed: float, target_d: float,
-    xs: Array, ys: Array, headings: Array, limit: float,
+    xs: Array, ys: Array, headings: Array, limit: float, wheelbase: float,
 ) -> float:  # fmt: skip
     """Front-wheel angle [rad] that leads to lateral offset `target_d` [m] (pure pursuit).
 
@@ -127,6 +121,7 @@ def pursue(
         target_d: offset on the path to drive at [m].
         xs, ys, headings: the path.
         limit: largest angle [rad].
+        wheelbase: distance of the axles [m].
     """
     s, d = project(x, y, xs, ys, headings)
     look = 4.0 + 0.6 * speed
@@ -136,7 +131,7 @@ def pursue(
     dx, dy = tx - x, ty - y
     distance = max(np.hypot(dx, dy), 1.0)
     bearing = (np.arctan2(dy, dx) - heading + np.pi) % (2 * np.pi) - np.pi
-    sine = min(max(2 * np.sin(bearing) / distance * WHEELBASE / 2, -0.9), 0.9)
+    sine = min(max(2 * np.sin(bearing) / distance * wheelbase / 2, -0.9), 0.9)
     return min(max(np.arctan(2 * np.tan(np.arcsin(sine))), -limit), limit)
 
 
@@ -144,7 +139,8 @@ def pursue(
 def _look_ahead(
     x: float, y: float, heading: float, speed: float,
     acceleration: float, steering: float, hold: float, then: float, target_d: float,
-    limit: float, max_speed: float, horizon: float,
+    limit: float, wheelbase: float, own_half_length: float, own_half_width: float,
+    max_speed: float, horizon: float,
     xs: Array, ys: Array, headings: Array, half_width: float, road_margin: float,
     bodies: Array, poses: Array, ahead_margin: float, side_margin: float, still_margin: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
@@ -162,10 +158,10 @@ def _look_ahead(
                 inner = half_width - road_margin - LANE_MARGIN
                 target_d = min(max(d, -inner), inner)
                 keeps_offset = False
-            delta = pursue(x, y, heading, speed, target_d, xs, ys, headings, limit)
+            delta = pursue(x, y, heading, speed, target_d, xs, ys, headings, limit, wheelbase)
             pedal = then
         beta = np.arctan(np.tan(delta) / 2)
-        yaw = speed * np.sin(beta) / (WHEELBASE / 2)
+        yaw = speed * np.sin(beta) / (wheelbase / 2)
         if held:
             lateral = max(lateral, abs(speed * yaw))
         x += speed * np.cos(heading + beta) * TIME_STEP
@@ -187,7 +183,7 @@ def _look_ahead(
                 moved = np.hypot(poses[-1, m, 0] - poses[0, m, 0], poses[-1, m, 1] - poses[0, m, 1])
                 longer = still_margin if moved < 0.1 else ahead_margin
                 if overlaps(
-                    x, y, heading, WHEELBASE / 2, AV_HALF_WIDTH, px, py, ph,
+                    x, y, heading, own_half_length, own_half_width, px, py, ph,
                     bodies[m, HALF_LENGTH] + longer, bodies[m, HALF_WIDTH] + side_margin,
                 ):  # fmt: skip
                     hit = t + TIME_STEP

@@ -13,10 +13,10 @@ from highway_env.vehicle.objects import RoadObject
 from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.envs.blocks import LANE_WIDTH, lane_offset
 from haim_torchrl.envs.config import PlatoonConfig
+from haim_torchrl.envs.forecast import StallCounter, forecast
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, HEADING, X, Y
 from haim_torchrl.envs.observation import observe
 from haim_torchrl.envs.path import Path
-from haim_torchrl.envs.planning import Manoeuvre, Margins, look_ahead
 from haim_torchrl.envs.platoon import Platoon
 from haim_torchrl.envs.road import PlatoonRoad
 from haim_torchrl.envs.scenario import START, generate_scenario
@@ -92,6 +92,11 @@ class PlatoonEnv(AbstractEnv):
         return command(np.array([-1.0, 0.0]))["acceleration"]
 
     @property
+    def stalled(self) -> int:
+        """Steps lost so far by driving slowly without cause."""
+        return self._stall.steps
+
+    @property
     def reflection(self) -> Reflection | None:
         """What a mirror does to observations and actions; None if the strips are lopsided."""
         if isinstance(self.settings.observation, SemanticConfig):
@@ -125,8 +130,8 @@ class PlatoonEnv(AbstractEnv):
         self.road = PlatoonRoad(self.scenario, av, platoon, np.random.RandomState(seed % 2**32))
         self.time, self.steps = 0.0, 0
         self.done = False
-        self.acceleration, self.distance, self.stalled = 0.0, 0.0, 0
-        self._stall_mark = settings.initial_speed
+        self.acceleration, self.distance = 0.0, 0.0
+        self._stall = StallCounter(settings.initial_speed)
         self._progress_before = float(self.road.route_s[0])
         self._events = dict.fromkeys(("crash", "out_of_road", "wrong_way", "success"), False)
         self._cost = 0.0
@@ -186,10 +191,7 @@ class PlatoonEnv(AbstractEnv):
         lane = road.network.get_lane(av.lane_index)
         s, _ = lane.local_coordinates(av.position)
         slow = self.settings.stall_speed * min(CRUISE, lane.speed_at(s))
-        if av.speed > slow or av.speed > self._stall_mark + 0.5 or self._is_held_up(slow):
-            self.stalled, self._stall_mark = 0, av.speed
-        else:
-            self.stalled += 1
+        self._stall.update(av.speed, slow, av.speed <= slow and self._is_held_up(slow))
 
     def _is_held_up(self, slow: float) -> bool:
         av, road = self.vehicle, self.road
@@ -210,7 +212,7 @@ class PlatoonEnv(AbstractEnv):
         if isinstance(self.settings.observation, SemanticConfig):
             assert self.eyes is not None
             return self.eyes.observe(self.snapshot())
-        return observe(self.road, self.vehicle, self.settings.observation)
+        return observe(self.road, self.settings.observation)
 
     def _reward(self, action: Any = None) -> float:
         s = float(self.road.route_s[0])
@@ -242,22 +244,15 @@ class PlatoonEnv(AbstractEnv):
     def forecast(self, action: np.ndarray) -> Forecast:
         """Where the action leads if it is held for a moment and the AV then brakes."""
         settings, wanted = self.settings, command(action)
-        outlook = look_ahead(
+        return forecast(
             self.road,
-            Manoeuvre(
-                acceleration=wanted["acceleration"],
-                steering=wanted["steering"],
-                hold=settings.forecast_hold,
-                then=-settings.forecast_braking,
-                max_speed=AutomatedVehicle.MAX_SPEED,
-            ),
-            Margins(settings.forecast_road_margin, settings.forecast_gap_margin, 0.4, 3.0),
-        )
-        return Forecast(
-            collision=bool(np.isfinite(outlook.time_to_collision)),
-            departure=bool(np.isfinite(outlook.time_to_departure)),
+            wanted["acceleration"],
+            wanted["steering"],
+            hold=settings.forecast_hold,
+            braking=settings.forecast_braking,
+            road_margin=settings.forecast_road_margin,
+            gap_margin=settings.forecast_gap_margin,
             stalled_steps=self.stalled,
-            **outlook._asdict(),
         )
 
     def snapshot(self) -> Snapshot:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haim_torchrl.envs.blocks import BLOCKS, LANE_WIDTH, SideRoad
+from haim_torchrl.envs.carriageway import Carriageway
 from haim_torchrl.envs.path import Path, Piece, draw
 
 START = 115.0
@@ -112,13 +113,11 @@ class ObstaclePlacement:
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Carriageway):
     """A road with its traffic and obstacles.
 
     Attributes:
         seed: what it was drawn from.
-        route: centre line of the AV's carriageway.
-        lanes: number of lanes of the carriageway.
         blocks: kinds of the blocks with the arc lengths [m] where they start and end.
         sides: side roads.
         spawns: traffic.
@@ -126,21 +125,10 @@ class Scenario:
     """
 
     seed: int
-    route: Path
-    lanes: int
     blocks: tuple[tuple[str, float, float], ...]
     sides: tuple[SideRoad, ...]
     spawns: tuple[Spawn, ...]
     obstacles: tuple[ObstaclePlacement, ...]
-
-    @property
-    def half_width(self) -> float:
-        """Half of the carriageway's width [m]."""
-        return self.lanes * LANE_WIDTH / 2
-
-    def lane_at(self, d: float) -> int:
-        """Lane at an offset [m] from the route, or the nearest one (0 is leftmost)."""
-        return min(max(int((d + self.half_width) // LANE_WIDTH), 0), self.lanes - 1)
 
 
 def generate_scenario(seed: int, config: ScenarioConfig) -> Scenario:
@@ -176,7 +164,7 @@ def generate_scenario(seed: int, config: ScenarioConfig) -> Scenario:
     ]
     obstacles = _place_obstacles(rng, config, free, lanes)
     spawns = _place_traffic(rng, config, route, lanes, sides, obstacles)
-    return Scenario(seed, route, lanes, blocks, sides, spawns, obstacles)
+    return Scenario(route, lanes, LANE_WIDTH, seed, blocks, sides, spawns, obstacles)
 
 
 def _place_obstacles(

@@ -12,6 +12,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
 from numpy.typing import NDArray
 
+from haim_torchrl.envs.carriageway import CarModel
 from haim_torchrl.envs.scenario import Spawn
 
 if TYPE_CHECKING:
@@ -35,6 +36,10 @@ class AutomatedVehicle(Vehicle):
 
     MIN_SPEED = 0.0
     MAX_SPEED = 15.0
+    # highway-env's bicycle takes the length of the body for its wheelbase.
+    model = CarModel(
+        Vehicle.LENGTH, Vehicle.WIDTH, Vehicle.LENGTH, STEERING, THROTTLE, BRAKING, MAX_SPEED
+    )
     target_speed = 12.0  # what MOBIL drivers assume of it when they consider cutting in
     color = (50, 200, 0)
     speed: float
@@ -75,11 +80,8 @@ def command(action: np.ndarray) -> dict[str, float]:
     pedal, wheel = map(float, action)
     if not (math.isfinite(pedal) and math.isfinite(wheel)):
         raise ValueError(f"action: must be two finite numbers, got {[pedal, wheel]}")
-    pedal, wheel = clip(pedal, 1.0), clip(wheel, 1.0)
-    return {
-        "acceleration": pedal * (THROTTLE if pedal > 0 else BRAKING),
-        "steering": wheel * STEERING,
-    }
+    acceleration, angle = AutomatedVehicle.model.command(clip(pedal, 1.0), clip(wheel, 1.0))
+    return {"acceleration": acceleration, "steering": angle}
 
 
 def clip(value: float, limit: float) -> float:

@@ -17,12 +17,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from haim_torchrl.envs import geometry
-from haim_torchrl.envs.blocks import lane_offset
+from haim_torchrl.envs.carriageway import Surroundings
 from haim_torchrl.envs.geometry import HALF_LENGTH, PATH, SPEED, X, Y
 from haim_torchrl.envs.path import Array
 from haim_torchrl.envs.planning import Manoeuvre, Margins, look_ahead, pursue
-from haim_torchrl.envs.road import REACH, PlatoonRoad
-from haim_torchrl.envs.vehicles import BRAKING, STEERING, THROTTLE, AutomatedVehicle
+from haim_torchrl.envs.road import REACH
 
 BRAKES = (-1.0, -2.0, -3.0, -4.5, -6.0, -8.0)
 """Decelerations that are tried in turn where the smooth choice is not free [m/s²]."""
@@ -70,13 +69,13 @@ class ExpertMentor:
 
     def reset(self, simulator: Any) -> None:
         """Start in the lane that the vehicle is in."""
-        self._lane = simulator.road.av.lane_index[2]
+        self._lane = _lane(simulator.road)
 
     def act(self, simulator: Any, tensordict: TensorDictBase | None = None) -> Tensor:
         """The expert's action, [2] in [-1, 1]: acceleration, steering."""
-        road: PlatoonRoad = simulator.road
+        road: Surroundings = simulator.road
         av = road.av
-        here = av.lane_index[2]
+        here = _lane(road)
         if abs(self._lane - here) > 1:
             self._lane = here  # somebody else has driven since
         options = {
@@ -85,15 +84,14 @@ class ExpertMentor:
             if 0 <= lane < road.scenario.lanes
         }
         self._lane = self._choose(options, here)
-        acceleration = options[self._lane].acceleration
-        route = road.scenario.route
+        route, model = road.scenario.route, av.model
         steering = pursue(
             av.position[0], av.position[1], av.heading, av.speed,
-            lane_offset(self._lane, road.scenario.lanes),
-            route.x, route.y, route.heading, STEERING,
+            road.scenario.lane_offset(self._lane),
+            route.x, route.y, route.heading, model.steering, model.wheelbase,
         )  # fmt: skip
-        pedal = acceleration / (THROTTLE if acceleration > 0 else BRAKING)
-        return torch.tensor([pedal, steering / STEERING], dtype=torch.float32).clamp(-1.0, 1.0)
+        action = model.action(options[self._lane].acceleration, steering)
+        return torch.tensor(action, dtype=torch.float32).clamp(-1.0, 1.0)
 
     def _choose(self, options: dict[int, _Option], here: int) -> int:
         scores = {}
@@ -108,7 +106,7 @@ class ExpertMentor:
             scores[lane] = score - 0.01 * abs(lane - here)
         return max(scores, key=lambda lane: scores[lane])
 
-    def _option(self, road: PlatoonRoad, lane: int) -> _Option:
+    def _option(self, road: Surroundings, lane: int) -> _Option:
         av, path = road.av, road.lanes[lane].path
         s, _ = path.project(av.position)
         front, rear = geometry.neighbours(0, road.bodies, path.x, path.y, path.heading, REACH)
@@ -117,7 +115,7 @@ class ExpertMentor:
         if front >= 0:
             leader = road.bodies[front]
             lead_s, _ = path.project((leader[X], leader[Y]))
-            space = lead_s - s - AutomatedVehicle.LENGTH / 2 - leader[HALF_LENGTH]
+            space = lead_s - s - av.model.length / 2 - leader[HALF_LENGTH]
             still = leader[SPEED] < 0.5 and leader[PATH] < road.scenario.lanes
             gap = self.still_gap if still else self.gap
             acceleration = min(acceleration, self._behind(av.speed, wanted, leader, space, gap))
@@ -126,13 +124,13 @@ class ExpertMentor:
         if rear > road.followers:
             other = road.bodies[rear]
             rear_s, _ = path.project((other[X], other[Y]))
-            space = s - rear_s - AutomatedVehicle.LENGTH / 2 - other[HALF_LENGTH]
+            space = s - rear_s - av.model.length / 2 - other[HALF_LENGTH]
             clear = bool(space > 1.5 + max(0.0, 2.0 * (other[SPEED] - av.speed)))
-        smooth = float(np.clip(acceleration, -BRAKING, THROTTLE))
+        smooth = float(np.clip(acceleration, BRAKES[-1], av.model.throttle))
         for choice in (smooth, *(brake for brake in BRAKES if brake < smooth - 0.3)):
             if self._is_free(road, lane, choice):
                 return _Option(choice, prospect, True, clear)
-        return _Option(-BRAKING, prospect, False, clear)
+        return _Option(BRAKES[-1], prospect, False, clear)
 
     def _on_free_road(self, speed: float, wanted: float) -> float:
         if speed <= wanted:
@@ -148,8 +146,13 @@ class ExpertMentor:
         free_road, interaction = (speed / max(wanted, 1.0)) ** 4, (need / max(space, 0.5)) ** 2
         return self.comfort * (1 - free_road - interaction)
 
-    def _is_free(self, road: PlatoonRoad, lane: int, acceleration: float) -> bool:
-        target_d = lane_offset(lane, road.scenario.lanes)
+    def _is_free(self, road: Surroundings, lane: int, acceleration: float) -> bool:
+        target_d = road.scenario.lane_offset(lane)
         fastest = max(self.speed, road.av.speed)
         manoeuvre = Manoeuvre(then=acceleration, target_d=target_d, max_speed=fastest)
         return look_ahead(road, manoeuvre, MARGINS).free
+
+
+def _lane(road: Surroundings) -> int:
+    """Lane of the route that the AV is in."""
+    return road.scenario.lane_at(float(road.route_d[0]))

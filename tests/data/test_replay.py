@@ -233,7 +233,7 @@ def test_bad_settings_are_refused(options: dict, message: str) -> None:
 
 
 def test_images_stay_bytes_in_the_store_and_in_a_batch() -> None:
-    """A transition takes two images of 2 * 4 * 4 bytes, a flag, and the two floats of the action."""
+    """A transition takes two images of 2 * 4 * 4 bytes, a flag, and two floats of the action."""
     replay = make_replay_buffer(100, batch_size=6, keys=["pixels", ("next", "pixels"), "action"])
     pixels = torch.arange(4, dtype=torch.uint8).reshape(4, 1, 1, 1).expand(4, 2, 4, 4)
     flags = torch.tensor([[True], [False], [False], [True]])

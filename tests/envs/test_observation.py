@@ -18,7 +18,7 @@ SMALL = {"navigation": (5.0, 20.0), "rays": 240}
 def seen(env, **settings) -> dict[str, np.ndarray]:
     """The parts of the observation of the present scene."""
     config = ObservationConfig(**{**SMALL, **settings})
-    vector = observe(env.road, env.vehicle, config)
+    vector = observe(env.road, config)
     assert vector.dtype == np.float32
     assert vector.shape == (config.size,)
     return {name: vector[part] for name, part in config.layout.items()}
@@ -37,7 +37,7 @@ def view(x, y, heading, hits, s, middle, path, reach=50.0, borders=(-1.0, 0.0, 1
         distances[angle], rates[angle] = distance, rate
     out = route_view(
         x, y, heading, distances, rates, reach, s, middle,
-        path.x, path.y, path.heading, half, np.array(borders),
+        path.x, path.y, path.heading, half, 4.0, np.array(borders),
     )  # fmt: skip
     return out.reshape(len(borders) - 1, 4)
 
@@ -148,7 +148,7 @@ def test_a_mirrored_scene_looks_like_the_reflection_says(empty_road, put_vehicle
         put_vehicle(env, 15.0, lane=lane, speed=3.0)
         put_vehicle(env, -4.0, lane=1 - lane)
         put_av(env, 120.0, 1.3 * side, heading=0.2 * side, speed=6.0)
-        looks.append(torch.from_numpy(observe(env.road, env.vehicle, config)))
+        looks.append(torch.from_numpy(observe(env.road, config)))
     mirror = env.reflection.observation
     assert not torch.allclose(looks[0], looks[1], atol=0.1)
     # Of the hits on a flat rear, all equally near, the first ray's counts: its rate along the ray
@@ -184,7 +184,7 @@ def test_the_copycats_cues_stay_out(empty_road):
         vehicle.position = first.road.platoon.vehicles[k].position
         vehicle.heading, vehicle.speed = 0.0, first.road.platoon.vehicles[k].speed
     second.road.refresh()
-    b = observe(second.road, second.vehicle, second.settings.observation)
+    b = observe(second.road, second.settings.observation)
     assert np.array_equal(a, b)
 
 

@@ -86,7 +86,7 @@ def test_pursuit_leads_to_the_target():
     path = draw([Piece(60.0), arc(30.0, 1.2), Piece(120.0)])
     x, y, heading, speed = 0.0, -3.0, 0.2, 8.0
     for _ in range(250):
-        wheel = pursue(x, y, heading, speed, 2.0, path.x, path.y, path.heading, 0.5)
+        wheel = pursue(x, y, heading, speed, 2.0, path.x, path.y, path.heading, 0.5, 5.0)
         assert abs(wheel) <= 0.5
         slip = math.atan(math.tan(wheel) / 2)
         x += speed * math.cos(heading + slip) * 0.1
@@ -101,6 +101,6 @@ def test_pursuit_leads_to_the_target():
 def test_pursuit_steers_straight_on_the_target_line():
     path = draw([Piece(100.0)])
     for speed in (0.0, 5.0, 15.0):
-        args = (path.x, path.y, path.heading, 0.5)
+        args = (path.x, path.y, path.heading, 0.5, 5.0)
         assert pursue(10.0, 2.0, 0.0, speed, 2.0, *args) == pytest.approx(0.0)
         assert pursue(10.0, 0.0, 0.0, speed, 2.0, *args) > 0.0  # the target is on the right
