@@ -49,7 +49,10 @@ def test_features_are_those_of_the_image_over_255_and_the_numbers() -> None:
     for layer in (encoder.layers[0], encoder.layers[2], encoder.layers[4]):
         weight, bias = layer.weight.double(), layer.bias.double()
         hidden = F.relu(F.conv2d(hidden, weight, bias, layer.stride))
-    expected = torch.cat([hidden.flatten(1), state], -1).float()
+    hidden = hidden.flatten(1)
+    spread = hidden.var(-1, correction=0, keepdim=True)
+    hidden = (hidden - hidden.mean(-1, keepdim=True)) / (spread + 1e-5).sqrt()
+    expected = torch.cat([hidden, state], -1).float()
     torch.testing.assert_close(encoder(pixels, state), expected)
 
 
