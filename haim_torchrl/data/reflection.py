@@ -18,10 +18,13 @@ class Reflection:
     has shown what to do on the opposite one, too. Costs, and who drove, are the same in a mirror.
 
     Attributes:
-        order: for each number of the observation, the index of the one that it becomes; [D].
+        order: for each number of the observation, the index of the one that it becomes; [D]. Empty
+            where no observation is a vector that a mirror changes.
         sign: for each number of the mirrored observation, 1 or -1; [D].
         action_sign: for each number of the action, 1 or -1; [A].
-        observation_keys: entries that are observations.
+        observation_keys: entries that are observations, vectors.
+        image_keys: entries that are images [..., S], columns from the left to the right around the
+            vehicle in the middle.
         action_keys: entries that are actions.
 
     Raises:
@@ -33,6 +36,7 @@ class Reflection:
     sign: Sequence[float]
     action_sign: Sequence[float]
     observation_keys: tuple[NestedKey, ...] = ("observation", ("next", "observation"))
+    image_keys: tuple[NestedKey, ...] = ()
     action_keys: tuple[NestedKey, ...] = ("action", "action_agent", "action_mentor")
 
     def __post_init__(self) -> None:
@@ -50,6 +54,10 @@ class Reflection:
         index = torch.tensor(self.order, device=observation.device)
         return observation.index_select(-1, index) * observation.new_tensor(self.sign)
 
+    def image(self, image: Tensor) -> Tensor:
+        """The mirrored image, ``[..., S]``."""
+        return image.flip(-1)
+
     def action(self, action: Tensor) -> Tensor:
         """The mirrored action, ``[..., A]``."""
         return action * action.new_tensor(self.action_sign)
@@ -65,13 +73,15 @@ class Reflection:
         Returns:
             The batch.
         """
-        chosen = torch.rand(len(batch), 1, device=batch.device) < share
+        chosen = torch.rand(len(batch), device=batch.device) < share
         for keys, mirrored in (
             (self.observation_keys, self.observation),
+            (self.image_keys, self.image),
             (self.action_keys, self.action),
         ):
             for key in keys:
                 value = batch.get(key, default=None)
                 if value is not None:
-                    batch.set(key, torch.where(chosen, mirrored(value), value))
+                    rows = chosen.reshape(-1, *[1] * (value.ndim - 1))
+                    batch.set(key, torch.where(rows, mirrored(value), value))
         return batch

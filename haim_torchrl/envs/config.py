@@ -8,6 +8,7 @@ from typing import Any
 
 from haim_torchrl.envs.observation import ObservationConfig
 from haim_torchrl.envs.scenario import ScenarioConfig
+from haim_torchrl.envs.semantic import SemanticConfig
 from haim_torchrl.envs.vehicles import AutomatedVehicle
 from haim_torchrl.traffic.car_following import IDMParameters
 
@@ -33,7 +34,7 @@ class PlatoonConfig:
             counts as stalling. A policy that only has to avoid takeovers learns to crawl just
             above the speed that a mentor tolerates, and does not arrive in time.
         scenario: what scenarios are drawn from.
-        observation: what the agent sees.
+        observation: what the agent sees: numbers, or an image and its speed.
         idm: the followers' car-following parameters.
     """
 
@@ -50,7 +51,7 @@ class PlatoonConfig:
     forecast_gap_margin: float = 1.5
     stall_speed: float = 0.6
     scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
-    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    observation: ObservationConfig | SemanticConfig = field(default_factory=ObservationConfig)
     idm: IDMParameters = field(default_factory=IDMParameters)
 
     def __post_init__(self) -> None:
@@ -80,6 +81,10 @@ class PlatoonConfig:
         parts = {"scenario": ScenarioConfig, "observation": ObservationConfig, "idm": IDMParameters}
         values = dict(settings or {})
         _check_names(values, cls, "env")
+        if isinstance(values.get("observation"), Mapping):
+            values["observation"] = (
+                SemanticConfig.of(values["observation"]) or values["observation"]
+            )
         for name, kind in parts.items():
             if isinstance(values.get(name), Mapping):
                 part = {

@@ -107,15 +107,30 @@ class DrivingTorchEnv(GymWrapper):
     """TorchRL's Gymnasium wrapper, with a step that writes the known entries directly.
 
     The generic wrapper finds out anew at each step what the simulator returned; that costs about
-    as much as simulating. Specs, seeding and resets are TorchRL's own.
+    as much as simulating. Specs, seeding and resets are TorchRL's own, except that an entry
+    ``state`` of a dict observation keeps its name, which TorchRL would change to ``observation``.
     """
+
+    def _make_specs(self, env: gym.Env, batch_size: torch.Size | None = None) -> None:
+        super()._make_specs(env, batch_size)
+        names = getattr(env.observation_space, "spaces", {})
+        if "state" in names and "observation" not in names:
+            spec = self.observation_spec.clone()
+            spec["state"] = spec["observation"]
+            del spec["observation"]
+            self.observation_spec = spec
+
+    def read_obs(self, observations: Any) -> dict[str, Any]:
+        if not isinstance(observations, Mapping):
+            return super().read_obs(observations)
+        return {key: torch.from_numpy(value) for key, value in observations.items()}
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").numpy()
         observation, reward, terminated, truncated, info = self._env.step(action)
         if not isinstance(observation, dict):
             observation = {"observation": observation}
-        entries = {key: torch.from_numpy(value) for key, value in observation.items()}
+        entries = self.read_obs(observation)
         entries |= {
             "reward": torch.full((1,), reward, dtype=torch.float32),
             "done": torch.full((1,), terminated or truncated, dtype=torch.bool),

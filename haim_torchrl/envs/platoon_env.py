@@ -16,9 +16,11 @@ from haim_torchrl.envs.config import PlatoonConfig
 from haim_torchrl.envs.forecast import StallCounter, forecast
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, HEADING, X, Y
 from haim_torchrl.envs.observation import observe
+from haim_torchrl.envs.path import Path
 from haim_torchrl.envs.platoon import Platoon
 from haim_torchrl.envs.road import PlatoonRoad
 from haim_torchrl.envs.scenario import START, generate_scenario
+from haim_torchrl.envs.semantic import RoadLayers, SemanticConfig, SemanticObserver, band
 from haim_torchrl.envs.vehicles import AutomatedVehicle, TrafficVehicle, command
 from haim_torchrl.evaluation.recording import RoadLine, ScenarioLabels, Snapshot
 from haim_torchrl.switches.protocol import Forecast
@@ -41,7 +43,8 @@ class PlatoonEnv(AbstractEnv):
 
     Actions: (acceleration, steering) in [-1, 1]², see
     :class:`~haim_torchrl.envs.vehicles.AutomatedVehicle`. Observation: a float32 vector, see
-    :func:`~haim_torchrl.envs.observation.observe`. ``reset(seed=k)`` makes scenario k; without a
+    :func:`~haim_torchrl.envs.observation.observe`, or an image and the speed, see
+    :class:`~haim_torchrl.envs.semantic.SemanticObserver`. ``reset(seed=k)`` makes scenario k; without a
     seed a scenario of the configured set is drawn. Reward (progress, speed, +20 at the
     destination) and cost (+1 a collision) exist for evaluation and baselines only.
 
@@ -69,8 +72,12 @@ class PlatoonEnv(AbstractEnv):
         return config
 
     def define_spaces(self) -> None:
-        size = self.settings.observation.size
-        self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        seen = self.settings.observation
+        self.eyes = SemanticObserver(seen) if isinstance(seen, SemanticConfig) else None
+        if self.eyes is None:
+            self.observation_space = spaces.Box(-np.inf, np.inf, (seen.size,), np.float32)
+        else:
+            self.observation_space = self.eyes.space
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
     @property
@@ -91,6 +98,8 @@ class PlatoonEnv(AbstractEnv):
     @property
     def reflection(self) -> Reflection | None:
         """What a mirror does to observations and actions; None if the strips are lopsided."""
+        if isinstance(self.settings.observation, SemanticConfig):
+            return SemanticObserver(self.settings.observation).reflection
         mirrored = self.settings.observation.reflection
         return None if mirrored is None else Reflection(*mirrored, action_sign=(1.0, -1.0))
 
@@ -126,6 +135,8 @@ class PlatoonEnv(AbstractEnv):
         self._events = dict.fromkeys(("crash", "out_of_road", "wrong_way", "success"), False)
         self._cost = 0.0
         self._touching: set[RoadObject] = set()
+        if self.eyes is not None:
+            self.eyes.reset(self.road_layers())
         if self.render_mode == "human":
             self.render()
         return self._observe(), self._info()
@@ -196,7 +207,10 @@ class PlatoonEnv(AbstractEnv):
             for v in road.vehicles
         )
 
-    def _observe(self) -> np.ndarray:
+    def _observe(self) -> Any:
+        if isinstance(self.settings.observation, SemanticConfig):
+            assert self.eyes is not None
+            return self.eyes.observe(self.snapshot())
         return observe(self.road, self.settings.observation)
 
     def _reward(self, action: Any = None) -> float:
@@ -269,18 +283,34 @@ class PlatoonEnv(AbstractEnv):
         for k in range(scenario.lanes + 1):
             path = scenario.route.shifted(k * LANE_WIDTH - scenario.half_width)
             edge = k in (0, scenario.lanes)
-            lines.append(RoadLine(np.stack([path.x, -path.y], 1), edge=edge))
+            lines.append(RoadLine(_points(path), edge=edge))
         for side in scenario.sides:
             surface = side.path.part(*side.surface)
             for d in (-LANE_WIDTH / 2, LANE_WIDTH / 2):
                 path = surface.shifted(d)
-                lines.append(RoadLine(np.stack([path.x, -path.y], 1), edge=False))
+                lines.append(RoadLine(_points(path), edge=False))
         route = scenario.route
-        lines.append(RoadLine(np.stack([route.x, -route.y], 1), edge=False, route=True))
+        lines.append(RoadLine(_points(route), edge=False, route=True))
         return lines
+
+    def road_layers(self) -> RoadLayers:
+        """Surfaces, lines and the route's carriageway of the present scenario, for images."""
+        scenario = self.scenario
+        carriageway = band(_points(scenario.route), 2 * scenario.half_width)
+        sides = [side.path.part(*side.surface) for side in scenario.sides]
+        return RoadLayers(
+            surfaces=[*carriageway, *(p for s in sides for p in band(_points(s), LANE_WIDTH))],
+            lines=[line.points for line in self.road_polylines() if not line.route],
+            route=carriageway,
+        )
 
     def scenario_labels(self) -> ScenarioLabels:
         """Seed, block types and number of obstacles."""
         scenario = self.scenario
         kinds = tuple(kind for kind, _, _ in scenario.blocks)
         return ScenarioLabels(scenario.seed, kinds, len(scenario.obstacles))
+
+
+def _points(path: Path) -> np.ndarray:
+    """A path's points in the frame of recordings, whose y axis points to the left, [P, 2]."""
+    return np.stack([path.x, -path.y], 1)

@@ -7,8 +7,9 @@ metres, y to the left, headings counter-clockwise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 import pygame
@@ -49,6 +50,31 @@ class SemanticConfig:
             raise ValueError(f"reach: must be positive [m], got {self.reach}")
         if not self.behind >= 0:
             raise ValueError(f"behind: must not be negative [m], got {self.behind}")
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> SemanticConfig | None:
+        """Settings from those of an observation, ``view`` among them.
+
+        Args:
+            settings: the group ``env.observation`` of any simulator.
+
+        Returns:
+            The settings; None unless ``view`` is ``"semantic"``.
+
+        Raises:
+            ValueError: an unknown key.
+        """
+        if settings.get("view") != "semantic":
+            return None
+        given = {key: value for key, value in settings.items() if key != "view"}
+        known = [entry.name for entry in fields(cls)]
+        unknown = sorted(set(given) - set(known))
+        if unknown:
+            raise ValueError(
+                f"env.observation: the semantic view has no setting {unknown[0]!r}, only {known}; "
+                "choose it with env/observation=semantic, which replaces all of them"
+            )
+        return cls(**given)
 
     @property
     def side(self) -> float:
