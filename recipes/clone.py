@@ -46,6 +46,7 @@ def clone(config: DictConfig) -> Path:
             steps,
             world.seeds(),
             seed=config.seed,
+            observation_keys=actor.in_keys,
             on_step=partial(ProgressLine.update, progress),
         ).to(device)
 

@@ -18,12 +18,16 @@ Sampling = Literal["balanced", "uniform"]
 #: What the losses of this package read; of these, what the first batch has is stored.
 TRANSITION_KEYS: tuple[NestedKey, ...] = (
     "observation",
+    "pixels",
+    "state",
     "action",
     "action_agent",
     "action_mentor",
     "intervention",
     "takeover_start",
     ("next", "observation"),
+    ("next", "pixels"),
+    ("next", "state"),
     ("next", "terminated"),
     ("next", "takeover_cost"),
     ("next", "disturbance_cost"),

@@ -115,7 +115,7 @@ class DrivingTorchEnv(GymWrapper):
         super()._make_specs(env, batch_size)
         names = getattr(env.observation_space, "spaces", {})
         if "state" in names and "observation" not in names:
-            spec = self.observation_spec.clone()
+            spec: Composite = self.observation_spec.clone()
             spec["state"] = spec["observation"]
             del spec["observation"]
             self.observation_spec = spec

@@ -44,8 +44,8 @@ class PlatoonEnv(AbstractEnv):
     Actions: (acceleration, steering) in [-1, 1]², see
     :class:`~haim_torchrl.envs.vehicles.AutomatedVehicle`. Observation: a float32 vector, see
     :func:`~haim_torchrl.envs.observation.observe`, or an image and the speed, see
-    :class:`~haim_torchrl.envs.semantic.SemanticObserver`. ``reset(seed=k)`` makes scenario k; without a
-    seed a scenario of the configured set is drawn. Reward (progress, speed, +20 at the
+    :class:`~haim_torchrl.envs.semantic.SemanticObserver`. ``reset(seed=k)`` makes scenario k;
+    without a seed a scenario of the configured set is drawn. Reward (progress, speed, +20 at the
     destination) and cost (+1 a collision) exist for evaluation and baselines only.
 
     Args:
@@ -56,6 +56,7 @@ class PlatoonEnv(AbstractEnv):
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
     road: PlatoonRoad
+    observation_space: spaces.Space
 
     def __init__(self, config: Mapping[str, Any] | None = None, render_mode: str | None = None):
         given = dict(config or {})

@@ -202,13 +202,13 @@ class Sizes:
     """What networks and losses need to know of an environment.
 
     Attributes:
-        observation: Size D of the observation.
+        observation: Size D of the observation; where it is several entries, their shapes by name.
         action: Size A of the action.
         reflection: What a mirror does to both; None where the simulator has no such symmetry.
         entries: What a transition of it holds; empty where no mentor can take over.
     """
 
-    observation: int
+    observation: int | Mapping[str, tuple[int, ...]]
     action: int
     reflection: Reflection | None = None
     entries: frozenset[NestedKey] = frozenset()
@@ -216,10 +216,11 @@ class Sizes:
     @classmethod
     def of(cls, env: EnvBase) -> Sizes:
         """Sizes of an environment."""
+        simulator = simulator_of(env)
         return cls(
-            env.observation_spec["observation"].shape[-1],
+            _observation(env, simulator),
             env.action_spec.shape[-1],
-            getattr(simulator_of(env), "reflection", None),
+            getattr(simulator, "reflection", None),
             _entries(env),
         )
 
@@ -231,6 +232,13 @@ class Sizes:
             return cls.of(env)
         finally:
             env.close()
+
+
+def _observation(env: EnvBase, simulator: Any) -> int | dict[str, tuple[int, ...]]:
+    entries = getattr(getattr(simulator, "observation_space", None), "spaces", None)
+    if entries is None or "observation" in entries:
+        return env.observation_spec["observation"].shape[-1]
+    return {key: tuple(space.shape) for key, space in entries.items()}
 
 
 def _entries(env: EnvBase) -> frozenset[NestedKey]:

@@ -14,8 +14,11 @@ from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.evaluation.assembly import build
 from haim_torchrl.evaluation.config import ConfigError, plain
-from haim_torchrl.modules import Temperature
+from haim_torchrl.modules import Temperature, encoder_of, share_encoder
 from haim_torchrl.objectives import ActorLoss, HAIMLoss, LossTerm, TemporalDifferenceTerm
+
+SEEING = "proxy"
+"""The critic with whose encoder the actor sees."""
 
 
 def build_loss(
@@ -30,7 +33,8 @@ def build_loss(
     partial that gets, by name, those of ``actor_network``, ``critic_network`` and ``temperature``
     that it takes; terms that name the same ``critic`` share it. ``keys`` renames what it reads
     (``set_keys``). The actor's own term gets the critics of all temporal-difference terms with the
-    weights that these carry.
+    weights that these carry. An actor with an encoder for images sees with that of the critic
+    ``proxy``, which its own loss does not train.
 
     Args:
         settings: The group ``loss``.
@@ -44,10 +48,14 @@ def build_loss(
     """
     temperature: Temperature = build(settings.entropy.temperature)
     temperature.to(next(actor.parameters()).device)
-    critics: dict[str, TensorDictModule] = {}
+    nodes = dict(_nodes(settings))
+    names = dict.fromkeys(node.critic for node in nodes.values() if node.get("critic"))
+    critics = {name: make_critic() for name in names}
+    if encoder_of(actor) is not None:
+        _share_encoder(actor, critics)
     terms: dict[str, LossTerm] = {}
     waiting: dict[str, Callable[..., LossTerm]] = {}
-    for name, node in _nodes(settings):
+    for name, node in nodes.items():
         make_term = build(node.term)
         accepted = inspect.signature(make_term).parameters
         given: dict[str, Any] = {"actor_network": actor, "temperature": temperature}
@@ -56,8 +64,6 @@ def build_loss(
                 raise ConfigError(
                     f"loss.{name} takes a critic but names none; set loss.{name}.critic"
                 )
-            if node.critic not in critics:
-                critics[node.critic] = make_critic()
             given["critic_network"] = critics[node.critic]
         make_term = partial(make_term, **{k: v for k, v in given.items() if k in accepted})
         if "critics" in accepted:
@@ -78,6 +84,18 @@ def build_loss(
     except (TypeError, ValueError) as error:
         raise ConfigError(f"loss: {error}") from error
     return loss
+
+
+def _share_encoder(actor: ProbabilisticActor, critics: Mapping[str, TensorDictModule]) -> None:
+    if SEEING not in critics:
+        raise ConfigError(
+            f"an actor that sees images needs the critic {SEEING!r} to train its encoder, and no "
+            f"term of loss names it; name it in one, or use networks for vectors"
+        )
+    try:
+        share_encoder(actor, critics[SEEING])
+    except ValueError as error:
+        raise ConfigError(f"actor and critic do not fit: {error}") from error
 
 
 def _nodes(settings: DictConfig) -> Iterator[tuple[str, DictConfig]]:

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor, TanhNormal
 
-from haim_torchrl.modules.critic import RELU, Initialisation
+from haim_torchrl.modules.critic import RELU, Initialisation, check_vector
 
 
 class ActorMLP(nn.Module):
@@ -53,6 +53,7 @@ class ActorMLP(nn.Module):
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
+        check_vector(observation_dim)
         if not 0.0 < minimum_std < initial_std:
             raise ValueError(
                 "minimum_std must be positive and below initial_std, got minimum_std="

@@ -28,7 +28,9 @@ class PolicyAverage:
         if not 0.0 <= decay < 1.0:
             raise ValueError(f"decay of the policy's average must be in [0, 1); got {decay}")
         self._trained = actor
-        self._average = AveragedModel(actor, multi_avg_fn=get_ema_multi_avg_fn(decay))
+        average = get_ema_multi_avg_fn(decay)
+        # An encoder that a critic trains is a buffer of the actor; it goes with the rest.
+        self._average = AveragedModel(actor, multi_avg_fn=average, use_buffers=True)
 
     @property
     def actor(self) -> Any:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from tensordict import NestedKey
@@ -18,6 +18,19 @@ Initialisation = Literal["default", "orthogonal"]
 
 #: In place: nothing else holds the pre-activations, and a batch of them is as large as a layer.
 RELU = partial(nn.ReLU, inplace=True)
+
+
+def check_vector(observation_dim: Any) -> None:
+    """Refuses, in a sentence, an observation that is not one vector.
+
+    Raises:
+        TypeError: if it is the shapes of several entries.
+    """
+    if isinstance(observation_dim, Mapping):
+        raise TypeError(
+            f"The observation has the entries {', '.join(observation_dim)}, and these networks "
+            "read one vector; use those for images (actor=cnn critic=cnn)."
+        )
 
 
 class EnsembleMLP(nn.Module):
@@ -65,6 +78,7 @@ class EnsembleMLP(nn.Module):
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
+        check_vector(observation_dim)
         sizes = (observation_dim, action_dim, ensemble_size, *hidden)
         if not hidden or min(sizes) < 1:
             raise ValueError(
