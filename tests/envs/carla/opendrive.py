@@ -57,7 +57,8 @@ def town() -> str:
     junctions = [_junction(number) for number in (100, 200)]
     return (
         '<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="4" name="" version="1" '
-        'north="0" south="0" east="0" west="0"/>' + "".join(roads + turns + junctions)
+        'north="0" south="0" east="0" west="0"><geoReference>+proj=tmerc +lat_0=0 +lon_0=0'
+        "</geoReference></header>" + "".join(roads + turns + junctions)
     ) + "</OpenDRIVE>"
 
 
