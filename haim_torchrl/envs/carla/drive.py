@@ -92,7 +92,11 @@ class Drive:
         moved = self._progress.update(self.av.pose)
         hit = self._contacts.update(cast.collisions.take())
         self.events = judge(
-            self._progress, len(hit), self._town.is_drivable(x, y), self._config.off_route
+            self._progress,
+            len(hit),
+            self._town.is_drivable(x, y),
+            self.scenario.route.lane_width,
+            self._config.off_route,
         )
         # A crash stops the car, but says nothing about how it was braked.
         self.acceleration = 0.0 if self.events.crash else self.av.acceleration

@@ -15,6 +15,8 @@ ARRIVAL = 8.0
 """The destination is this far before the end of the route [m]."""
 RELEASE = 5
 """A contact has ended when nothing was reported of it for this many frames."""
+SEAM = 0.2
+"""Maps have gaps of up to this between lanes side by side [m]."""
 BEHIND, AHEAD = 30.0, 120.0
 """How much of the route around the AV is looked at [m]; elsewhere it may cross itself."""
 
@@ -112,16 +114,21 @@ class Events:
     cost: float = 0.0
 
 
-def judge(progress: Progress, collisions: int, drivable: bool, off_route: float) -> Events:
+def judge(
+    progress: Progress, collisions: int, drivable: bool, lane_width: float, off_route: float
+) -> Events:
     """What happened in a step.
 
     Args:
         progress: where the AV is.
         collisions: how many began.
-        drivable: whether it is on a lane for driving.
+        drivable: whether the map has a lane for driving there; on the route's own lane that does
+            not matter, because maps have gaps between lanes that meet.
+        lane_width: width of the route's lane [m].
         off_route: largest distance to the route's middle [m].
     """
-    out = not drivable or abs(progress.d) > off_route
+    beside = abs(progress.d) > lane_width / 2 + SEAM
+    out = (beside and not drivable) or abs(progress.d) > off_route
     wrong = bool(np.cos(progress.error) < 0.0)
     crash = collisions > 0
     good = progress.arrived and not (out or wrong or crash)
