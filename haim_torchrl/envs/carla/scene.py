@@ -12,9 +12,10 @@ import numpy as np
 from haim_torchrl.envs import geometry
 from haim_torchrl.envs.carla.frames import Pose
 from haim_torchrl.envs.carriageway import Car, CarModel, Carriageway, Lane
-from haim_torchrl.envs.geometry import COLUMNS, PATH
+from haim_torchrl.envs.geometry import COLUMNS, HALF_WIDTH, PATH
 from haim_torchrl.envs.path import Array, Path
 from haim_torchrl.envs.planning import PREDICTION_STEP
+from haim_torchrl.envs.road import REACH
 
 INSTANTS = 20
 """Instants that other vehicles' motion is predicted for."""
@@ -140,9 +141,11 @@ class Scene:
         )
 
     def held_up(self) -> bool:
-        """Whether somebody is on the lane ahead of the AV, near enough to slow it down."""
+        """Whether somebody is on the lane ahead of the AV, near enough to slow it down.
+
+        What stands beside the middle of the lane, as obstacles do, is passed and no reason to wait.
+        """
         ahead = self.route_s - self.route_s[0]
         near = (ahead > 0.0) & (ahead < 12.0 + 1.5 * self.av.speed)
-        near &= np.abs(self.route_d) < self.scenario.half_width
-        near[: 1 + self.followers] = False
+        near &= np.abs(self.route_d) < REACH + self.bodies[:, HALF_WIDTH] - 1.0
         return bool(near.any())

@@ -12,9 +12,11 @@ import math
 from fnmatch import fnmatch
 from types import SimpleNamespace
 
-import carla
+import pytest
 
 from haim_torchrl.envs.geometry import overlaps
+
+carla = pytest.importorskip("carla")
 
 FULL_LOCK = 70.0
 """Front-wheel angle at steer = 1 [degrees]."""

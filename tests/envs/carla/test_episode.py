@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -38,9 +40,9 @@ def test_events_are_the_gaps_in_the_reports(reports):
     expected = 0
     for other in "ab":
         frames = [frame for frame, who in reports if who == other]
-        expected += sum(
-            later - before > RELEASE for before, later in zip(frames, frames[1:])
-        ) + bool(frames)
+        expected += sum(later - before > RELEASE for before, later in pairwise(frames)) + bool(
+            frames
+        )
     contacts = Contacts()
     assert sum(len(contacts.update([report])) for report in reports) == expected
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_routes_are_drivable_and_as_long_as_asked(lanes, seed):
     assert 255.0 <= path.length <= 405.0
     np.testing.assert_allclose(np.hypot(np.diff(path.x), np.diff(path.y)), 1.0, atol=0.05)
     assert np.abs(np.diff(np.unwrap(path.heading))).max() < 0.3  # no kink
-    for one, other in zip(route.keys, route.keys[1:]):
+    for one, other in pairwise(route.keys):
         assert other in lanes[one].follow
     again = draw_route(lanes, np.random.default_rng(seed), 105.0, (150.0, 300.0))
     np.testing.assert_array_equal(again.path.x, path.x)

@@ -123,7 +123,7 @@ def test_another_version_is_said_with_the_remedy(server):
 
 
 def test_an_unknown_town_is_said_with_the_known_ones(server):
-    with pytest.raises(RuntimeError, match="no town Town99.*Town01, Town02"):
+    with pytest.raises(RuntimeError, match=r"no town Town99.*Town01, Town02"):
         CarlaSimulator({"train_town": "Town99"}, server.client)
 
 

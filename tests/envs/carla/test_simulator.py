@@ -215,6 +215,11 @@ def test_standing_without_cause_is_counted(server, simulator):
     for _ in range(10):
         sim.step(GO)
     assert sim.forecast(GO).stalled_steps == 0
+    prop = put(server, "static.prop.trafficcone01", start_ahead(sim, 12.0, 1.8))
+    sim._drive._cast.props.append(prop)
+    for _ in range(20):
+        sim.step(BRAKE)
+    assert sim.forecast(BRAKE).stalled_steps > 10  # it stands beside the way
     put(server, "vehicle.audi.a2", start_ahead(sim, 14.0))
     sim._drive._cast.traffic.append(server.alive[-1])
     for _ in range(20):
