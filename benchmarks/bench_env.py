@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -32,11 +32,17 @@ class Ours:
 
     Args:
         seeds: scenarios that are driven.
+        observation: settings of the observation.
         scenario: settings of the scenarios.
     """
 
-    def __init__(self, seeds: Sequence[int], **scenario: Any) -> None:
-        self.env = PlatoonEnv({"scenario": scenario})
+    def __init__(
+        self,
+        seeds: Sequence[int],
+        observation: Mapping[str, Any] | None = None,
+        **scenario: Any,
+    ) -> None:
+        self.env = PlatoonEnv({"scenario": scenario, "observation": dict(observation or {})})
         expert, bodies = ExpertMentor(), []
         self.actions = []
         for seed in seeds:

@@ -111,11 +111,13 @@ class DrivingTorchEnv(GymWrapper):
     ``state`` of a dict observation keeps its name, which TorchRL would change to ``observation``.
     """
 
+    observation_spec: Composite
+
     def _make_specs(self, env: gym.Env, batch_size: torch.Size | None = None) -> None:
         super()._make_specs(env, batch_size)
         names = getattr(env.observation_space, "spaces", {})
         if "state" in names and "observation" not in names:
-            spec: Composite = self.observation_spec.clone()
+            spec = self.observation_spec.clone()
             spec["state"] = spec["observation"]
             del spec["observation"]
             self.observation_spec = spec

@@ -335,12 +335,16 @@ def evaluated_config(config: DictConfig, hydra: HydraConf, path: Path) -> DictCo
     """
     saved = saved_config(load_checkpoint(path), path)
     shared = [key for key in BaseConfig.__dataclass_fields__ if key in saved and key != "name"]
-    result = OmegaConf.merge(config, OmegaConf.masked_copy(saved, shared))
+    # A group is the checkpoint's as a whole: two members of it may have different keys.
+    groups = {key for key in shared if key != "eval" and OmegaConf.is_dict(saved[key])}
+    rest = OmegaConf.masked_copy(config, [key for key in map(str, config) if key not in groups])
+    result = OmegaConf.merge(rest, OmegaConf.masked_copy(saved, shared))
     assert isinstance(result, DictConfig)
     result.eval.set = config.eval.set
     for _, key, _ in _overrides(hydra):
         if key != "eval":
-            OmegaConf.update(result, key.replace("/", "."), _selected(config, key))
+            merge = key not in hydra.runtime.choices
+            OmegaConf.update(result, key.replace("/", "."), _selected(config, key), merge=merge)
     return result
 
 

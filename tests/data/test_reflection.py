@@ -72,3 +72,18 @@ def test_a_world_without_the_symmetry_is_refused():
 def test_what_is_no_reflection_is_refused(order, sign, message):
     with pytest.raises(ValueError, match=message):
         Reflection(order, sign, (1.0,))
+
+
+def test_images_are_mirrored_with_the_transition_they_belong_to():
+    """Columns are exchanged, bytes stay bytes, and the speed beside the image stays as it is."""
+    mirror = Reflection((), (), (1.0, -1.0), observation_keys=(), image_keys=("pixels",))
+    pixels = torch.tensor([[[1, 2, 3], [4, 5, 6]]], dtype=torch.uint8)
+    data = {"pixels": pixels, "state": torch.tensor([0.5]), "action": torch.tensor([0.3, 0.2])}
+    torch.manual_seed(0)
+    seen = mirror(TensorDict(data).expand(200).clone(), share=0.5)
+    flipped = seen["action"][:, 1] < 0
+    assert 70 < flipped.sum() < 130
+    assert seen["pixels"].dtype == torch.uint8
+    assert (seen["pixels"][flipped] == pixels.flip(-1)).all()
+    assert (seen["pixels"][~flipped] == pixels).all()
+    assert (seen["state"] == 0.5).all()

@@ -230,3 +230,24 @@ def test_missing_and_misshapen_entries_are_named() -> None:
 def test_bad_settings_are_refused(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make_replay_buffer(**{"capacity": 10, **options})
+
+
+def test_images_stay_bytes_in_the_store_and_in_a_batch() -> None:
+    """A transition takes two images of 2 * 4 * 4 bytes, a flag, and two floats of the action."""
+    replay = make_replay_buffer(100, batch_size=6, keys=["pixels", ("next", "pixels"), "action"])
+    pixels = torch.arange(4, dtype=torch.uint8).reshape(4, 1, 1, 1).expand(4, 2, 4, 4)
+    flags = torch.tensor([[True], [False], [False], [True]])
+    actions = pixels[:, 0, 0, :2].float()
+    data = {"pixels": pixels, "action": actions, "intervention": flags}
+    replay.extend(TensorDict({**data, "next": {"pixels": pixels + 100}}, batch_size=[4]))
+    assert replay.nbytes == 4 * (2 * 2 * 4 * 4 + 1 + 2 * 4)
+    batch = replay.sample()
+    assert batch["pixels"].dtype == batch["next", "pixels"].dtype == torch.uint8
+    assert batch["pixels"].shape == (6, 2, 4, 4)
+    numbers = batch["pixels"][:, 0, 0, 0]
+    assert (batch["pixels"] == numbers.reshape(6, 1, 1, 1)).all()
+    assert (batch["next", "pixels"] == batch["pixels"] + 100).all()
+    assert torch.equal(batch["action"][:, 0], numbers.float())
+    again = make_replay_buffer(100)
+    again.load_state_dict(replay.state_dict())
+    assert again.sample(2)["pixels"].dtype == torch.uint8

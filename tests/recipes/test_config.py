@@ -18,6 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from haim_torchrl.data import Reflection
 from haim_torchrl.envs import PlatoonConfig
+from haim_torchrl.envs.semantic import SemanticConfig
 from haim_torchrl.evaluation.assembly import Sizes, World, build, build_actor
 from haim_torchrl.evaluation.command import register
 from haim_torchrl.evaluation.config import (
@@ -124,6 +125,20 @@ def test_the_world_shows_all_its_settings() -> None:
         assert set(env[part]) == names, part
 
 
+def test_the_image_shows_all_its_settings() -> None:
+    seen = plain(load("env/observation=semantic").env.observation)
+    assert seen.pop("view") == "semantic"
+    assert set(seen) == {f.name for f in dataclasses.fields(SemanticConfig)}
+
+
+def test_observations_are_a_group_inside_the_world() -> None:
+    assert load("env/observation=rays") == load("env.observation.view=rays")
+    paper = load("preset=paper", "env/observation=semantic", "env.observation.size=84")
+    assert PlatoonConfig.of({"observation": plain(paper.env.observation)}).observation == (
+        SemanticConfig(84, 40.0, 20.0)
+    )
+
+
 def test_paper_preset_is_the_papers_table() -> None:
     config = load("preset=paper")
     assert config.train.batch_size == 1024
@@ -159,7 +174,17 @@ def test_a_group_on_the_command_line_beats_the_preset() -> None:
 
 
 @pytest.mark.parametrize(
-    "group", ["switch", "mentor", "env", "loss/implicit", "loss/explicit", "replay", "optimizer"]
+    "group",
+    [
+        "switch",
+        "mentor",
+        "env",
+        "env/observation",
+        "loss/implicit",
+        "loss/explicit",
+        "replay",
+        "optimizer",
+    ],
 )
 def test_every_member_can_be_built(group: str) -> None:
     for path in sorted((CONF / group).glob("*.yaml")):
