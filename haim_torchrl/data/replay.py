@@ -59,6 +59,7 @@ class TakeoverReplayBuffer:
             ``TRANSITION_KEYS`` by default.
         reflection: how transitions look in a mirror, if the world has a left-right symmetry.
         mirrored: share of a batch's transitions that are mirrored, in [0, 1]; needs a reflection.
+            None: half of them, if there is one.
         intervention_key: entry that says who drove.
         device: where to keep the transitions.
 
@@ -93,7 +94,7 @@ class TakeoverReplayBuffer:
         mentor_capacity: int | None = None,
         keys: Sequence[NestedKey] | None = None,
         reflection: Reflection | None = None,
-        mirrored: float = 0.0,
+        mirrored: float | None = 0.0,
         intervention_key: NestedKey = "intervention",
         device: torch.device | str = "cpu",
     ) -> None:
@@ -103,6 +104,8 @@ class TakeoverReplayBuffer:
             raise ValueError(f"sampling must be 'balanced' or 'uniform', got {sampling!r}.")
         if not 0.0 < share < 1.0:
             raise ValueError(f"share must lie in (0, 1), got {share}.")
+        if mirrored is None:
+            mirrored = 0.0 if reflection is None else 0.5
         if not 0.0 <= mirrored <= 1.0:
             raise ValueError(f"mirrored must lie in [0, 1], got {mirrored}.")
         if mirrored and reflection is None:
@@ -285,7 +288,7 @@ def make_replay_buffer(
     mentor_capacity: int | None = None,
     keys: Sequence[NestedKey] | None = None,
     reflection: Reflection | None = None,
-    mirrored: float = 0.0,
+    mirrored: float | None = 0.0,
     device: torch.device | str = "cpu",
 ) -> TakeoverReplayBuffer:
     """Makes the replay buffer; see :class:`TakeoverReplayBuffer` for the arguments.
@@ -298,7 +301,7 @@ def make_replay_buffer(
         mentor_capacity: transitions that fit in the store of intervened ones.
         keys: entries to keep.
         reflection: how transitions look in a mirror.
-        mirrored: share of a batch's transitions that are mirrored.
+        mirrored: share of a batch's transitions that are mirrored; None: half, where possible.
         device: where to keep them.
 
     Returns:

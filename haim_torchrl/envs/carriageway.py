@@ -6,6 +6,7 @@ simulator that can fill it in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -73,16 +74,24 @@ class CarModel:
 class Car(Protocol):
     """The AV: centre [m, m], heading [rad], speed [m/s], and what it can do."""
 
-    position: Array
-    heading: float
-    speed: float
-    model: CarModel
+    @property
+    def position(self) -> Array: ...
+
+    @property
+    def heading(self) -> float: ...
+
+    @property
+    def speed(self) -> float: ...
+
+    @property
+    def model(self) -> CarModel: ...
 
 
 class Lane(Protocol):
     """A lane of the route: its middle, and how fast it may be driven."""
 
-    path: Path
+    @property
+    def path(self) -> Path: ...
 
     def speed_at(self, s: float) -> float:
         """Speed [m/s] that keeps the bends ahead of arc length `s` [m] comfortable."""
@@ -100,17 +109,26 @@ class Surroundings(Protocol):
         route_s, route_d: arc length and offset of each body on the route [m], shape [M].
     """
 
-    av: Car
-    bodies: Array
-    followers: int
-    route_s: Array
-    route_d: Array
+    @property
+    def av(self) -> Car: ...
+
+    @property
+    def bodies(self) -> Array: ...
+
+    @property
+    def followers(self) -> int: ...
+
+    @property
+    def route_s(self) -> Array: ...
+
+    @property
+    def route_d(self) -> Array: ...
 
     @property
     def scenario(self) -> Carriageway: ...
 
     @property
-    def lanes(self) -> list[Lane]: ...
+    def lanes(self) -> Sequence[Lane]: ...
 
     @property
     def others(self) -> Array:

@@ -34,6 +34,9 @@ class DrivingSimulator(Protocol):
     ``cost`` (+1 a collision), ``success``, ``crash``, ``out_of_road``, ``wrong_way``, and arrays
     ``follower_gaps`` [m] and ``follower_speeds`` [m/s] of shape [N], float32.
 
+    A simulator that cannot make a scenario of every number has a method ``seed_draws(seed)``, too,
+    which seeds the generator that scenarios of the set are drawn with.
+
     Attributes:
         followers: N.
         minimum_acceleration: strongest braking of the AV [m/s²], negative.
@@ -126,6 +129,14 @@ class DrivingTorchEnv(GymWrapper):
         if not isinstance(observations, Mapping):
             return super().read_obs(observations)
         return {key: torch.from_numpy(value) for key, value in observations.items()}
+
+    def _set_seed(self, seed: int | None) -> None:
+        """Seed the draws of scenarios; where any number is a scenario, begin with that one."""
+        seed_draws = getattr(self._env.unwrapped, "seed_draws", None)
+        if seed_draws is None:
+            super()._set_seed(seed)
+        else:
+            seed_draws(seed)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").numpy()

@@ -113,8 +113,9 @@ def touching(bodies: Array) -> np.ndarray:
 
 @njit(cache=True)
 def predict(
-    bodies: Array, xs: Array, ys: Array, headings: Array, starts: np.ndarray, steps: int, dt: float
-) -> Array:
+    bodies: Array, xs: Array, ys: Array, headings: Array, starts: np.ndarray, steps: int, dt: float,
+    surge: float = 0.0, drift: float = 0.0,
+) -> Array:  # fmt: skip
     """Where every body will be if it keeps to its path.
 
     A body keeps its speed, or goes on braking as it does now, and comes back to the middle of its
@@ -125,6 +126,8 @@ def predict(
         xs, ys, headings: samples of all paths, one after the other; path p is
             ``starts[p]:starts[p + 1]``.
         steps, dt: number of instants and time between them [s].
+        surge: for how long a body that accelerates goes on doing so [s].
+        drift: for how long a body that leaves the middle of its path goes on doing so [s].
 
     Returns:
         Poses at dt, 2 dt, ...: [steps, M, 3] (x, y [m], heading [rad]).
@@ -133,6 +136,7 @@ def predict(
     poses = np.empty((steps, count, 3))
     for m in range(count):
         speed, braking = bodies[m, SPEED], min(bodies[m, ACCELERATION], 0.0)
+        push = max(bodies[m, ACCELERATION], 0.0)
         p = int(bodies[m, PATH])
         for k in range(steps):
             t = (k + 1) * dt
@@ -140,7 +144,8 @@ def predict(
                 t_brake = min(t, -speed / braking)
                 distance = speed * t_brake + 0.5 * braking * t_brake * t_brake
             else:
-                distance = speed * t
+                pushed = min(t, surge)
+                distance = speed * t + push * pushed * (t - 0.5 * pushed)
             if p < 0:
                 poses[k, m, 0] = bodies[m, X] + distance * np.cos(bodies[m, HEADING])
                 poses[k, m, 1] = bodies[m, Y] + distance * np.sin(bodies[m, HEADING])
@@ -148,6 +153,13 @@ def predict(
             else:
                 a, b = starts[p], starts[p + 1]
                 d = bodies[m, D] * max(0.0, 1.0 - t / 2.0)
+                if drift > 0.0:
+                    _, _, along_path = interpolate(
+                        bodies[m, S], 0.0, xs[a:b], ys[a:b], headings[a:b]
+                    )
+                    sideways = speed * np.sin(bodies[m, HEADING] - along_path)
+                    if sideways * bodies[m, D] > 0.0:
+                        d = bodies[m, D] + sideways * min(t, drift)
                 x, y, heading = interpolate(
                     bodies[m, S] + distance, d, xs[a:b], ys[a:b], headings[a:b]
                 )

@@ -29,17 +29,25 @@ class Platoon:
         gap: initial bumper-to-bumper gaps [m].
         speed: initial speed [m/s].
         params: the drivers' IDM parameters.
+        length: of the AV and each follower [m].
 
     Attributes:
         gaps: gaps to the predecessor (the AV for the first) [m], shape [N].
         speeds: speeds [m/s], shape [N].
         accelerations: accelerations over the last step [m/s²], shape [N].
+        poses: centres and headings [m, m, rad], shape [N, 3].
         vehicles: the followers as highway-env vehicles.
         trail_length: arc length of the trail up to the AV [m].
     """
 
     def __init__(
-        self, run_up: Path, count: int, gap: float, speed: float, params: IDMParameters
+        self,
+        run_up: Path,
+        count: int,
+        gap: float,
+        speed: float,
+        params: IDMParameters,
+        length: float = FollowerVehicle.LENGTH,
     ) -> None:
         self._used = len(run_up.x)
         self._samples = np.zeros((3, self._used + CAPACITY))
@@ -48,10 +56,12 @@ class Platoon:
         self._last = np.array([run_up.x[-1], run_up.y[-1]])
         self._constants = idm_constants(params)
         self._max_speed = params.desired_speed
-        self._s = self.trail_length - (gap + FollowerVehicle.LENGTH) * np.arange(1, count + 1)
+        self._length = length
+        self._s: Array = self.trail_length - (gap + length) * np.arange(1.0, count + 1)
         self.gaps = np.full(count, gap, dtype=float)
         self.speeds = np.full(count, speed, dtype=float)
         self.accelerations = np.zeros(count)
+        self.poses = np.zeros((count, 3))
         self.vehicles = [FollowerVehicle(None, np.zeros(2), 0.0, speed) for _ in range(count)]
         self._place()
 
@@ -73,12 +83,12 @@ class Platoon:
         found = blockers(others, xs, ys, headings)
         found[:, 0] += first
         follow(
-            self._s, self.speeds, self.trail_length, speed, found, FollowerVehicle.LENGTH, dt,
+            self._s, self.speeds, self.trail_length, speed, found, self._length, dt,
             self._max_speed, self._constants,
         )  # fmt: skip
         self.accelerations = (self.speeds - before) / dt
-        self.gaps[0] = self.trail_length - self._s[0] - FollowerVehicle.LENGTH
-        self.gaps[1:] = self._s[:-1] - self._s[1:] - FollowerVehicle.LENGTH
+        self.gaps[0] = self.trail_length - self._s[0] - self._length
+        self.gaps[1:] = self._s[:-1] - self._s[1:] - self._length
         self._place()
 
     def _extend(self, position: Array) -> None:
@@ -101,10 +111,10 @@ class Platoon:
 
     def _place(self) -> None:
         xs, ys, headings = self._samples[:, : self._used]
-        for vehicle, s, speed in zip(self.vehicles, self._s, self.speeds, strict=True):
-            x, y, heading = interpolate(s, 0.0, xs, ys, headings)
-            vehicle.position = np.array([x, y])
-            vehicle.heading, vehicle.speed = heading, float(speed)
+        for k, vehicle in enumerate(self.vehicles):
+            self.poses[k] = interpolate(self._s[k], 0.0, xs, ys, headings)
+            vehicle.position = self.poses[k, :2].copy()
+            vehicle.heading, vehicle.speed = float(self.poses[k, 2]), float(self.speeds[k])
 
 
 @njit(cache=True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import numpy as np
 import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import InstantiationException
-from hydra.utils import instantiate
+from hydra.utils import get_method, instantiate
 from omegaconf import DictConfig, OmegaConf
 from tensordict import NestedKey
 from torchrl.envs import EnvBase, TransformedEnv
@@ -138,8 +140,11 @@ class World:
             scenarios: ``"train"``, ``"validation"`` or ``"test"``.
             takeovers: Whether the mentor may take over.
         """
+        env = plain(config.env)
+        if scenarios != "train" and config.eval.horizon is not None:
+            env["horizon"] = config.eval.horizon
         return cls(
-            env=plain(config.env),
+            env=env,
             disturbance=plain(config.loss.implicit.cost),
             scenarios=scenario_set(config.eval[scenarios]),
             mentor=plain(config.mentor),
@@ -170,6 +175,11 @@ class World:
             base.close()
             raise _refused("env", error) from error
         return env
+
+    @property
+    def one_per_process(self) -> bool:
+        """Whether a process can hold only one of these environments, as with MetaDrive."""
+        return getattr(get_method(self.env["_target_"]), "one_per_process", False)
 
     def seeds(self) -> range:
         """Seeds of its scenarios."""
@@ -226,7 +236,17 @@ class Sizes:
 
     @classmethod
     def of_world(cls, world: World) -> Sizes:
-        """Sizes in a world; builds an environment, and so tells early what it cannot do."""
+        """Sizes in a world; builds an environment, and so tells early what it cannot do.
+
+        It is built in another process if it would be the only one that this process may have.
+        """
+        if world.one_per_process:
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                return pool.submit(cls._of_new, world).result()
+        return cls._of_new(world)
+
+    @classmethod
+    def _of_new(cls, world: World) -> Sizes:
         env = world()
         try:
             return cls.of(env)

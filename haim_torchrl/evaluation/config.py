@@ -78,6 +78,8 @@ class EvalConfig:
         test: Held-out scenarios for the final figures.
         set: Which of the three ``recipes/evaluate.py`` drives.
         checkpoint: ``best`` on validation or ``last``: what the final evaluation drives.
+        horizon: Steps until an episode of validation or test is cut off; null for as many as in
+            training.
         workers: Processes of the final evaluation.
         level: Confidence level of the intervals.
         pictures: Whether to draw pictures and the GIF at the end.
@@ -89,6 +91,7 @@ class EvalConfig:
     test: ScenarioSet = field(default_factory=ScenarioSet)
     set: str = "test"
     checkpoint: str = "best"
+    horizon: int | None = None
     workers: int = 1
     level: float = 0.95
     pictures: bool = True

@@ -114,7 +114,9 @@ def evaluate(
         make_env: Builds the environment. With an intervention transform the mentor may take over;
             without, the driver is alone.
         scenarios: Seeds of the scenarios.
-        workers: Processes; with more than 1 the driver and ``make_env`` must be picklable.
+        workers: Processes; with more than 1, or with an environment that is the only one in its
+            process (``make_env.one_per_process``, MetaDrive), the driver and ``make_env`` must be
+            picklable.
         record: Scenarios whose scenes are kept for pictures.
         on_episode: Called after each episode, for a progress line.
 
@@ -132,7 +134,7 @@ def evaluate(
         if on_episode is not None:
             on_episode(result[0])
 
-    if workers == 1:
+    if workers == 1 and not getattr(make_env, "one_per_process", False):
         env = make_env()
         try:
             for index, scenario in enumerate(scenarios):

@@ -1,0 +1,136 @@
+"""Settings of the MetaDrive world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from haim_torchrl.envs.observation import ObservationConfig
+from haim_torchrl.traffic.car_following import IDMParameters
+
+VIEWS = ("lidar", "route")
+
+
+@dataclass(frozen=True)
+class MetaDriveObservation:
+    """What the agent sees.
+
+    Attributes:
+        view: ``lidar`` is MetaDrive's own vector of 259 numbers, the paper's observation: 9 of the
+            car's state (two of them its last action), 10 of navigation, 240 laser ranges.
+            ``route`` is the default world's view along the route
+            (:func:`~haim_torchrl.envs.observation.observe`), made of the same kind of rays.
+        rays: number of lasers.
+        reach: their range [m].
+    """
+
+    view: str = "lidar"
+    rays: int = 240
+    reach: float = 50.0
+
+    def __post_init__(self) -> None:
+        if self.view not in VIEWS:
+            raise ValueError(f"observation.view: choose from {list(VIEWS)}, got {self.view!r}")
+        if self.rays < 1 or self.reach <= 0:
+            raise ValueError("observation: rays and reach must be positive")
+
+    @property
+    def route(self) -> ObservationConfig:
+        """Settings of the route view."""
+        return ObservationConfig(rays=self.rays, reach=self.reach)
+
+
+@dataclass(frozen=True)
+class MetaDriveConfig:
+    """Settings of the world; the defaults are the paper's.
+
+    Attributes:
+        first_scenario, scenarios: the set of seeds that resets draw from.
+        blocks: road blocks behind the first straight.
+        lanes: lanes of each road.
+        lane_width: their width [m].
+        traffic_density: share of the places, 10 m apart on each lane, that hold a vehicle.
+        accident_probability: probability that a straight, curve or ramp holds an accident or a
+            construction site.
+        speed_limit: of the AV [m/s]: 40 km/h.
+        followers: N.
+        follower_gap: their initial bumper-to-bumper gaps [m].
+        initial_speed: of the AV and its followers [m/s].
+        horizon: steps until an episode is cut off.
+        end_on_collision: whether a collision ends the episode.
+        contact_pause: seconds without contact after which a contact is a new collision.
+        cached_maps: whether road maps stay in memory after their episode; a map takes some
+            0.2 s to build.
+        render: ``none``, or ``3d`` for MetaDrive's own window, which needs its assets.
+        forecast_hold, forecast_braking, forecast_road_margin, forecast_gap_margin, stall_speed:
+            as in :class:`~haim_torchrl.envs.PlatoonConfig`.
+        observation: what the agent sees.
+        idm: the followers' car-following parameters.
+    """
+
+    first_scenario: int = 0
+    scenarios: int = 50
+    blocks: int = 3
+    lanes: int = 3
+    lane_width: float = 3.5
+    traffic_density: float = 0.2
+    accident_probability: float = 0.8
+    speed_limit: float = 11.1
+    followers: int = 5
+    follower_gap: float = 15.0
+    initial_speed: float = 0.0
+    horizon: int = 1000
+    end_on_collision: bool = False
+    contact_pause: float = 1.0
+    cached_maps: bool = True
+    render: str = "none"
+    forecast_hold: float = 1.0
+    forecast_braking: float = 5.0
+    forecast_road_margin: float = 0.8
+    forecast_gap_margin: float = 1.5
+    stall_speed: float = 0.6
+    observation: MetaDriveObservation = field(default_factory=MetaDriveObservation)
+    idm: IDMParameters = field(default_factory=IDMParameters)
+
+    def __post_init__(self) -> None:
+        for name, low in (("first_scenario", 0), ("scenarios", 1), ("blocks", 1), ("lanes", 2),
+                          ("followers", 1), ("horizon", 1)):  # fmt: skip
+            if getattr(self, name) < low:
+                raise ValueError(f"{name}: must be at least {low}, got {getattr(self, name)}")
+        if self.followers > 5:
+            raise ValueError(f"followers: must be between 1 and 5, got {self.followers}")
+        for name in ("traffic_density", "accident_probability"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name}: must be in [0, 1], got {getattr(self, name)}")
+        for name in ("speed_limit", "lane_width", "forecast_braking", "follower_gap"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
+        for name in ("initial_speed", "contact_pause", "forecast_hold", "forecast_gap_margin"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name}: must not be negative, got {getattr(self, name)}")
+        if self.render not in ("none", "3d"):
+            raise ValueError(f"render: choose 'none' or '3d', got {self.render!r}")
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any] | None) -> MetaDriveConfig:
+        """Settings from a mapping; parts (observation, idm) may be mappings, too.
+
+        Raises:
+            ValueError: an unknown key.
+        """
+        values = dict(settings or {})
+        _check_names(values, cls, "env")
+        parts: dict[str, Any] = {"observation": MetaDriveObservation, "idm": IDMParameters}
+        for name, kind in parts.items():
+            if isinstance(values.get(name), Mapping):
+                _check_names(values[name], kind, f"env.{name}")
+                values[name] = kind(**values[name])
+        return cls(**values)
+
+
+def _check_names(values: Mapping[str, Any], kind: Any, where: str) -> None:
+    known = {f.name for f in fields(kind)}
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ValueError(f"{where}: unknown setting {unknown[0]!r}; choose from {sorted(known)}")
