@@ -10,7 +10,7 @@ from haim_torchrl.envs.semantic import SemanticConfig
 from haim_torchrl.traffic.car_following import IDMParameters
 
 LAST_SEED = 2**32 - 1
-"""The largest scenario number; TorchRL seeds environments with numbers up to it."""
+"""The largest scenario number."""
 
 
 @dataclass(frozen=True)

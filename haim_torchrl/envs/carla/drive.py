@@ -132,7 +132,7 @@ class Drive:
         self._stall.update(speed, slow, speed <= slow and self.road.held_up())
 
     def _follower_poses(self) -> list[Pose]:
-        return [(*v.position.tolist(), float(v.heading)) for v in self._platoon.vehicles]
+        return [(x, y, heading) for x, y, heading in self._platoon.poses.tolist()]
 
     def _follower_bodies(self) -> list[Body]:
         platoon = self._platoon

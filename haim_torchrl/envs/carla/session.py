@@ -54,6 +54,8 @@ class Session:
         """
         self._clear()
         if town != self._town:
+            # A traffic manager or a world that waits for ticks keeps a town from being loaded.
+            self._let_go()
             self._client.set_timeout(max(self._timeout, LOADING))
             self.world = self._client.load_world(town)
             self._client.set_timeout(self._timeout)
@@ -113,14 +115,19 @@ class Session:
         if self.closed:
             return
         try:
-            if self.traffic_manager is not None:
-                self.traffic_manager.set_synchronous_mode(False)
-            self.world.apply_settings(self._former)
+            self._let_go()
         except RuntimeError:
             pass  # the server is gone, and each further call would wait for it in vain
         else:
             self._clear()
         self.closed = True  # at the end: what Ctrl-C cuts short is done again
+
+    def _let_go(self) -> None:
+        """Let the clock run again as it did."""
+        if self.traffic_manager is not None:
+            with contextlib.suppress(RuntimeError):  # it has a time-out of its own, of two seconds
+                self.traffic_manager.set_synchronous_mode(False)
+        self.world.apply_settings(self._former)
 
     def _clear(self) -> None:
         while self._working:

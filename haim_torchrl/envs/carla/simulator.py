@@ -92,6 +92,10 @@ class CarlaSimulator(gym.Env):
         return self._drive
 
     # Episodes.
+    def seed_draws(self, seed: int | None) -> None:
+        """Seed the generator that scenarios of the set are drawn with; nothing moves."""
+        super().reset(seed=seed)
+
     def reset(
         self, *, seed: int | None = None, options: dict | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -106,6 +106,32 @@ def test_a_server_that_dies_is_not_waited_for_again_and_again(server, simulator)
     assert server.calls == calls
 
 
+def test_a_town_is_loaded_while_the_clock_runs(server, simulator):
+    """A traffic manager or a world that waits for ticks would keep it from being loaded."""
+    sim = simulator(traffic=2)
+    sim.reset(seed=0)
+    sim.reset(seed=20_000)
+    calls = [call for call in server.calls if not call.startswith("pedestrians")]
+    loading = ["synchronous False", "load Town01", "synchronous True"]
+    assert calls == [*loading, "synchronous False", "load Town02", "synchronous True"]
+    sim.step(DRIVE)
+
+
+def test_a_traffic_manager_that_does_not_answer_keeps_nothing_from_being_put_back(
+    server, simulator
+):
+    sim = simulator(traffic=2)
+    sim.reset(seed=0)
+
+    def silent(on):
+        raise RuntimeError("rpc::timeout: Timeout of 2000ms")
+
+    server.managers[8000].set_synchronous_mode = silent
+    sim.close()
+    assert not server.settings.synchronous_mode
+    assert not server.alive
+
+
 def test_no_server_is_said_in_one_sentence(server):
     """By the real client, which waits as long as it was told."""
     begin = time.monotonic()
@@ -170,7 +196,7 @@ def test_two_servers_are_driven_side_by_side(opendrive, server, simulator):
 
 
 def test_a_server_that_another_process_drives_is_not_touched(server, tmp_path):
-    seat = Seat(CarlaConfig(), server.client)
+    seat = Seat(CarlaConfig(ports=(2100,)), server.client)
     seat.take()
     seat.close()
     (lock,) = tmp_path.glob("*.lock")
@@ -181,7 +207,7 @@ def test_a_server_that_another_process_drives_is_not_touched(server, tmp_path):
     with subprocess.Popen(command, stdin=pipe, stdout=pipe) as other:
         assert other.stdout.readline() == b"holds\n"
         calls = list(server.calls)
-        with pytest.raises(RuntimeError, match=r"other processes drive.*env.ports=\[2000,2004\]"):
+        with pytest.raises(RuntimeError, match=r"other processes drive.*env.ports=\[2100,2104\]"):
             seat.take()
         assert server.calls == calls
         other.communicate(b"\n")

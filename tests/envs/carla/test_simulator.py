@@ -330,6 +330,27 @@ def test_nothing_can_be_asked_before_the_first_reset(simulator):
             question()
 
 
+def test_seeding_moves_nothing_and_draws_the_same_scenarios(server, simulator):
+    """TorchRL seeds with numbers that are no scenarios of the set."""
+    env = as_torch_env(simulator(first_scenario=100, scenarios=1000))
+
+    def drawn() -> list[int]:
+        env.set_seed(4_000_000_000)
+        calls.append(list(server.calls))
+        numbers = []
+        for _ in range(3):
+            env.reset()
+            numbers.append(env._env.unwrapped.scenario_labels().index)
+        return numbers
+
+    calls: list[list[str]] = []
+    first, second = drawn(), drawn()
+    assert first == second
+    assert calls[0] == []
+    assert len(set(first)) > 1
+    assert all(100 <= number < 1100 for number in first)
+
+
 def test_towns_by_seed(server, simulator):
     sim = simulator()
     sim.reset(seed=3)
