@@ -40,7 +40,7 @@ def bare(connection: Connection) -> None:
         def setup_engine(self) -> None:
             super(PlatoonMetaDrive, self).setup_engine()
 
-    settings = MetaDriveConfig(scenarios=200)
+    settings = MetaDriveConfig.of({"scenarios": 200, "observation": {"view": "rays"}})
     env = Alone(settings)
     env.lazy_init()
     assert env.config["traffic_density"] == translate(settings)["traffic_density"]
@@ -58,12 +58,11 @@ def bare(connection: Connection) -> None:
 
 def adapted(connection: Connection, view: str) -> None:
     """The adapter, with followers, through its Gymnasium interface."""
-    from haim_torchrl.envs.metadrive.config import MetaDriveConfig, MetaDriveObservation
+    from haim_torchrl.envs.metadrive.config import MetaDriveConfig
     from haim_torchrl.envs.metadrive.simulator import MetaDriveSimulator
 
-    env = MetaDriveSimulator(
-        MetaDriveConfig(scenarios=200, observation=MetaDriveObservation(view=view))
-    )
+    settings = MetaDriveConfig.of({"scenarios": 200, "observation": {"view": view}})
+    env = MetaDriveSimulator(settings)
 
     def step(action: np.ndarray) -> bool:
         *_, terminated, truncated, _ = env.step(action)
@@ -128,7 +127,7 @@ def main() -> None:
     options = parser.parse_args()
     contestants = {
         "MetaDrive alone": start(bare),
-        "adapter, lidar": start(adapted, "lidar"),
+        "adapter, rays": start(adapted, "rays"),
         "adapter, route view": start(adapted, "route"),
     }
     for connection in contestants.values():

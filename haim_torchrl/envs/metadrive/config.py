@@ -7,35 +7,39 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from haim_torchrl.envs.observation import ObservationConfig
+from haim_torchrl.envs.semantic import SemanticConfig
 from haim_torchrl.traffic.car_following import IDMParameters
 
-VIEWS = ("lidar", "route")
+VIEWS = ("route", "rays")
 
 
 @dataclass(frozen=True)
 class MetaDriveObservation:
-    """What the agent sees.
+    """What the agent sees, in numbers.
 
     Attributes:
-        view: ``lidar`` is MetaDrive's own vector of 259 numbers, the paper's observation: 9 of the
-            car's state (two of them its last action), 10 of navigation, 240 laser ranges.
-            ``route`` is the default world's view along the route
-            (:func:`~haim_torchrl.envs.observation.observe`), made of the same kind of rays.
-        motion: whether ``lidar`` tells steering, last action and yaw rate, as in the paper.
+        view: ``route`` is the default world's view along the route
+            (:func:`~haim_torchrl.envs.observation.observe`). ``rays`` is MetaDrive's own vector of
+            259 numbers, the paper's observation: 9 of the car's state (two of them its last
+            action), 10 of navigation, 240 laser ranges.
+        motion: whether ``rays`` tells steering, last action and yaw rate, as in the paper.
             Without, these four numbers are constant: a learner that sees its last action copies
             it (docs/results.md).
         rays: number of lasers.
         reach: their range [m].
     """
 
-    view: str = "lidar"
-    motion: bool = False
+    view: str = "route"
+    motion: bool = True
     rays: int = 240
     reach: float = 50.0
 
     def __post_init__(self) -> None:
         if self.view not in VIEWS:
-            raise ValueError(f"observation.view: choose from {list(VIEWS)}, got {self.view!r}")
+            raise ValueError(
+                f"observation.view: choose {', '.join(VIEWS)}, or env/observation=semantic; "
+                f"got {self.view!r}"
+            )
         if self.rays < 1 or self.reach <= 0:
             raise ValueError("observation: rays and reach must be positive")
 
@@ -72,7 +76,7 @@ class MetaDriveConfig:
         render: ``none``, or ``3d`` for MetaDrive's own window, which needs its assets.
         forecast_hold, forecast_braking, forecast_road_margin, forecast_gap_margin, stall_speed:
             as in :class:`~haim_torchrl.envs.PlatoonConfig`.
-        observation: what the agent sees.
+        observation: what the agent sees: numbers or an image.
         idm: the followers' car-following parameters.
     """
 
@@ -99,7 +103,7 @@ class MetaDriveConfig:
     forecast_road_margin: float = 0.8
     forecast_gap_margin: float = 1.5
     stall_speed: float = 0.6
-    observation: MetaDriveObservation = field(default_factory=MetaDriveObservation)
+    observation: MetaDriveObservation | SemanticConfig = field(default_factory=MetaDriveObservation)
     idm: IDMParameters = field(default_factory=IDMParameters)
 
     def __post_init__(self) -> None:
@@ -137,6 +141,9 @@ class MetaDriveConfig:
         """
         values = dict(settings or {})
         _check_names(values, cls, "env")
+        if isinstance(values.get("observation"), Mapping):
+            seen = values["observation"]
+            values["observation"] = SemanticConfig.of(seen) or seen
         parts: dict[str, Any] = {"observation": MetaDriveObservation, "idm": IDMParameters}
         for name, kind in parts.items():
             if isinstance(values.get(name), Mapping):

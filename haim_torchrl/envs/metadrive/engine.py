@@ -16,7 +16,7 @@ from metadrive.engine.base_engine import BaseEngine
 from metadrive.engine.engine_utils import engine_initialized
 from metadrive.envs import MetaDriveEnv
 
-from haim_torchrl.envs.metadrive.config import MetaDriveConfig
+from haim_torchrl.envs.metadrive.config import MetaDriveConfig, MetaDriveObservation
 from haim_torchrl.envs.metadrive.followers import FollowerManager
 
 ENTRANCE = FirstPGBlock.ENTRANCE_LENGTH
@@ -72,20 +72,17 @@ def translate(settings: MetaDriveConfig) -> dict[str, Any]:
         # Vehicles used again bring something of their last episode along: without this, scenario k
         # depended on which scenarios came before it.
         "num_buffering_objects": 0,
-        "vehicle_config": {
-            "lidar": {
-                "num_lasers": settings.observation.rays if _sees_lidar(settings) else 0,
-                "distance": settings.observation.reach,
-                "num_others": 0,
-            }
-        },
+        "vehicle_config": {"lidar": _lasers(settings)},
         "use_render": settings.render == "3d",
         "log_level": logging.ERROR,
     }
 
 
-def _sees_lidar(settings: MetaDriveConfig) -> bool:
-    return settings.observation.view == "lidar"
+def _lasers(settings: MetaDriveConfig) -> dict[str, Any]:
+    """MetaDrive's lasers, if they are what the agent sees; none save their time."""
+    seen = settings.observation
+    count = seen.rays if isinstance(seen, MetaDriveObservation) and seen.view == "rays" else 0
+    return {"num_lasers": count, "distance": 50.0 if count == 0 else seen.reach, "num_others": 0}
 
 
 class PlatoonMetaDrive(MetaDriveEnv):

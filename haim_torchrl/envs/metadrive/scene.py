@@ -11,6 +11,7 @@ from haim_torchrl.envs.carriageway import Carriageway
 from haim_torchrl.envs.geometry import HALF_LENGTH, HALF_WIDTH, HEADING, PATH, X, Y
 from haim_torchrl.envs.metadrive.road import MetaDriveRoad
 from haim_torchrl.envs.metadrive.route import points
+from haim_torchrl.envs.semantic import RoadLayers, band
 from haim_torchrl.evaluation.recording import RoadLine, Snapshot
 
 
@@ -42,6 +43,29 @@ def take_snapshot(
         obstacles=boxes[first:][~moving],
         distance=distance,
         vehicle_length=road.av.model.length,
+    )
+
+
+def lane_layers(graph: Any, scenario: Carriageway) -> RoadLayers:
+    """Surfaces, lines and the route's carriageway, for images.
+
+    Args:
+        graph: MetaDrive's roads: lanes by start and end node.
+        scenario: the AV's carriageway.
+    """
+    flip = [1.0, -1.0]
+    surfaces = [
+        part
+        for ends in graph.values()
+        for lanes in ends.values()
+        for lane in lanes
+        for part in band(points(lane, 0.0, lane.length) * flip, lane.width)
+    ]
+    route = scenario.route
+    return RoadLayers(
+        surfaces=surfaces,
+        lines=[line.points for line in lane_lines(graph, scenario) if not line.route],
+        route=band(np.stack([route.x, -route.y], 1), 2 * scenario.half_width),
     )
 
 

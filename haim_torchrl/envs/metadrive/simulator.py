@@ -16,13 +16,12 @@ from haim_torchrl.envs.metadrive.car import GRIP, car_model, to_metadrive
 from haim_torchrl.envs.metadrive.config import MetaDriveConfig
 from haim_torchrl.envs.metadrive.engine import open_engine
 from haim_torchrl.envs.metadrive.road import MetaDriveRoad
-from haim_torchrl.envs.metadrive.scene import lane_lines, take_snapshot
-from haim_torchrl.envs.observation import observe
+from haim_torchrl.envs.metadrive.scene import lane_layers, lane_lines, take_snapshot
+from haim_torchrl.envs.metadrive.view import make_view
+from haim_torchrl.envs.semantic import RoadLayers
 from haim_torchrl.evaluation.recording import RoadLine, ScenarioLabels, Snapshot
 from haim_torchrl.switches.protocol import Forecast
 
-MOTION = slice(4, 8)
-"""Where MetaDrive's vector has the steering, the last action (two numbers) and the yaw rate."""
 TIME_STEP = 0.1
 """Duration of a step [s]."""
 
@@ -47,11 +46,8 @@ class MetaDriveSimulator(gym.Env):
     def __init__(self, settings: MetaDriveConfig) -> None:
         self.settings = settings
         self._env = open_engine(settings)
-        self._view = settings.observation.view
-        size = self._env.observation_space.shape[0]
-        if self._view == "route":
-            size = settings.observation.route.size
-        self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        self._view = make_view(settings.observation, self._env.observation_space.shape[0])
+        self.observation_space = self._view.space
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.road: MetaDriveRoad
 
@@ -68,10 +64,7 @@ class MetaDriveSimulator(gym.Env):
     @property
     def reflection(self) -> Reflection | None:
         """What a mirror does to observations and actions; None for MetaDrive's own vector."""
-        mirrored = self.settings.observation.route.reflection
-        if self._view != "route" or mirrored is None:
-            return None
-        return Reflection(*mirrored, action_sign=(1.0, -1.0))
+        return self._view.reflection
 
     @property
     def agent(self) -> Any:
@@ -81,7 +74,7 @@ class MetaDriveSimulator(gym.Env):
     # Episodes.
     def reset(
         self, *, seed: int | None = None, options: dict | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Start scenario `seed`, or one drawn from the configured set.
 
         Raises:
@@ -115,13 +108,14 @@ class MetaDriveSimulator(gym.Env):
         self._last_contact = {"vehicle": -math.inf, "object": -math.inf}
         self._events = dict.fromkeys(("crash", "out_of_road", "wrong_way", "success"), False)
         self._cost = 0.0
-        return self._observe(observation), self._info()
+        self._view.reset(self)
+        return self._view.observe(self, observation), self._info()
 
     def seed_draws(self, seed: int | None) -> None:
         """Seed the generator that draws scenarios of the set."""
         super().reset(seed=seed)
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive one step of 0.1 s.
 
         Raises:
@@ -139,9 +133,8 @@ class MetaDriveSimulator(gym.Env):
         self.acceleration = 0.0 if touching else (av.speed - speed) / TIME_STEP
         self._count_stall()
         truncated = bool(truncated) and not terminated
-        return (
-            self._observe(observation), float(reward), bool(terminated), truncated, self._info()
-        )  # fmt: skip
+        seen = self._view.observe(self, observation)
+        return seen, float(reward), bool(terminated), truncated, self._info()
 
     def close(self) -> None:
         """Stop the engine, so that this process may start another one."""
@@ -192,13 +185,6 @@ class MetaDriveSimulator(gym.Env):
         if av.speed > slow:
             self._stall.update(av.speed, slow, held_up=False)
 
-    def _observe(self, observation: np.ndarray) -> np.ndarray:
-        if self._view == "route":
-            return observe(self.road, self.settings.observation.route)
-        if not self.settings.observation.motion:
-            observation[MOTION] = 0.5
-        return observation
-
     def _info(self) -> dict[str, Any]:
         road = self.road
         span = road.scenario.route.length - 5.0 - self._start
@@ -241,6 +227,10 @@ class MetaDriveSimulator(gym.Env):
     def road_polylines(self) -> list[RoadLine]:
         """Lines of all roads, and the route."""
         return lane_lines(self._env.current_map.road_network.graph, self.road.scenario)
+
+    def road_layers(self) -> RoadLayers:
+        """Surfaces, lines and the route's carriageway of the present scenario, for images."""
+        return lane_layers(self._env.current_map.road_network.graph, self.road.scenario)
 
     def scenario_labels(self) -> ScenarioLabels:
         """Seed, block types and number of obstacles."""

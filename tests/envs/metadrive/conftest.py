@@ -41,5 +41,7 @@ def no_engine():
 
 @pytest.fixture
 def free_road(make_simulator):
-    """A simulator without traffic and accidents."""
-    return make_simulator(traffic_density=0.0, accident_probability=0.0)
+    """A simulator without traffic and accidents, seen with MetaDrive's own lasers."""
+    return make_simulator(
+        traffic_density=0.0, accident_probability=0.0, observation={"view": "rays"}
+    )

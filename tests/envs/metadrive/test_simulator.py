@@ -38,7 +38,9 @@ def test_the_observation_is_the_papers(free_road):
 def test_the_agents_own_motion_is_told_only_if_asked_for(make_simulator):
     for motion in (False, True):
         simulator = make_simulator(
-            traffic_density=0.0, accident_probability=0.0, observation={"motion": motion}
+            traffic_density=0.0,
+            accident_probability=0.0,
+            observation={"view": "rays", "motion": motion},
         )
         simulator.reset(seed=0)
         observation = simulator.step(np.array([0.5, 0.4]))[0]
@@ -178,7 +180,7 @@ def test_an_action_that_is_no_number_is_refused(free_road, action):
 
 
 def test_the_route_view_has_a_mirror(make_simulator):
-    simulator = make_simulator(observation={"view": "route"})
+    simulator = make_simulator()
     observation, _ = simulator.reset(seed=2)
     size = simulator.observation_space.shape[0]
     assert observation.shape == (size,)
@@ -186,3 +188,27 @@ def test_the_route_view_has_a_mirror(make_simulator):
     assert observation[0] == 0.0  # speed
     # The carriageway is three lanes of 3.5 m: the two edges are 10.5 m apart, in units of 4 m.
     assert observation[2] + observation[3] == pytest.approx(10.5 / 4.0, abs=1e-4)
+
+
+def test_the_image_shows_road_followers_and_route(make_simulator):
+    observation = {"view": "semantic", "size": 42}
+    settings = {"traffic_density": 0.0, "accident_probability": 0.0, "observation": observation}
+    simulator = make_simulator(**settings)
+        traffic_density=0.0, accident_probability=0.0, observation=observation
+    )
+    seen, _ = simulator.reset(seed=0)
+    assert set(seen) == {"pixels", "state"}
+    assert seen["pixels"].shape == (5, 42, 42)
+    assert seen["pixels"].dtype == np.uint8
+    assert simulator.observation_space.contains(seen)
+    road, lane, vehicles, obstacles, route = seen["pixels"]
+    row, column = 28, 21  # the AV: 40 of 60 m lie ahead
+    assert road[row, column] == route[row, column] == 255
+    assert lane.any()
+    assert not obstacles.any()
+    assert vehicles[row + 14 :, column - 1 : column + 2].any()  # the first follower, 20 m behind
+    assert not vehicles[:row].any()
+    for _ in range(10):
+        seen = simulator.step(FULL)[0]
+    assert seen["state"][0] == pytest.approx(2.76 / 15.0, rel=0.1)
+    assert simulator.reflection is not None
