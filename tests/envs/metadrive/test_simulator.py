@@ -194,8 +194,6 @@ def test_the_image_shows_road_followers_and_route(make_simulator):
     observation = {"view": "semantic", "size": 42}
     settings = {"traffic_density": 0.0, "accident_probability": 0.0, "observation": observation}
     simulator = make_simulator(**settings)
-        traffic_density=0.0, accident_probability=0.0, observation=observation
-    )
     seen, _ = simulator.reset(seed=0)
     assert set(seen) == {"pixels", "state"}
     assert seen["pixels"].shape == (5, 42, 42)
