@@ -88,7 +88,7 @@ class ImageEncoder(nn.Module):
             Features ``[..., features]``.
         """
         batch = image.shape[:-3]
-        pixels = image.reshape(-1, *self.image).to(torch.float32).mul_(1.0 / 255.0)
+        pixels = image.reshape(-1, *self.image).to(torch.float32, copy=True).mul_(1.0 / 255.0)
         return torch.cat([self.layers(pixels).reshape(*batch, -1), *numbers], -1)
 
 
