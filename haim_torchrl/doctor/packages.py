@@ -20,6 +20,7 @@ OPTIONAL = (
     ("websockets", "mentor=browser", "haim-torchrl[browser]"),
     ("minari", "demonstrations in Minari's format", "minari"),
     ("metadrive-simulator", "env=metadrive", "haim-torchrl[metadrive]"),
+    ("carla", "env=carla", "haim-torchrl[carla]"),
     ("wandb", "logger=wandb", "haim-torchrl[wandb]"),
     ("stable-baselines3", "the benchmark against it", "haim-torchrl[bench]"),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib.util
 import inspect
 from collections.abc import Iterator
 from pathlib import Path
@@ -189,6 +190,10 @@ def test_a_group_on_the_command_line_beats_the_preset() -> None:
 def test_every_member_can_be_built(group: str) -> None:
     for path in sorted((CONF / group).glob("*.yaml")):
         config = load(f"{group}={path.stem}")
+        if path.stem.startswith("metadrive"):
+            if importlib.util.find_spec("metadrive") is None:
+                continue
+            config = load("env=metadrive", *([] if group == "env" else [f"{group}={path.stem}"]))
         if path.stem == "policy":
             with pytest.raises(ConfigError, match=r"mentor\.checkpoint has no value"):
                 build(config.mentor)

@@ -10,43 +10,24 @@ from haim_torchrl.envs.observation import ObservationConfig
 from haim_torchrl.envs.semantic import SemanticConfig
 from haim_torchrl.traffic.car_following import IDMParameters
 
-VIEWS = ("route", "rays")
-
 
 @dataclass(frozen=True)
-class MetaDriveObservation:
+class MetaDriveObservation(ObservationConfig):
     """What the agent sees, in numbers.
 
+    In the view ``route`` it is that of the default world
+    (:func:`~haim_torchrl.envs.observation.observe`). In the view ``rays`` it is MetaDrive's own
+    vector of 259 numbers, the paper's observation: 9 of the car's state (two of them its last
+    action), 10 of navigation, and `rays` laser ranges; `closeness`, `relative_speed`,
+    `navigation` and `strips` mean nothing to it.
+
     Attributes:
-        view: ``route`` is the default world's view along the route
-            (:func:`~haim_torchrl.envs.observation.observe`). ``rays`` is MetaDrive's own vector of
-            259 numbers, the paper's observation: 9 of the car's state (two of them its last
-            action), 10 of navigation, 240 laser ranges.
-        motion: whether ``rays`` tells steering, last action and yaw rate, as in the paper.
-            Without, these four numbers are constant: a learner that sees its last action copies
-            it (docs/results.md).
-        rays: number of lasers.
-        reach: their range [m].
+        motion: whether MetaDrive's vector tells steering, last action and yaw rate, as in the
+            paper. Without, these four numbers are constant: a learner that sees its last action
+            copies it (docs/results.md).
     """
 
-    view: str = "route"
     motion: bool = True
-    rays: int = 240
-    reach: float = 50.0
-
-    def __post_init__(self) -> None:
-        if self.view not in VIEWS:
-            raise ValueError(
-                f"observation.view: choose {', '.join(VIEWS)}, or env/observation=semantic; "
-                f"got {self.view!r}"
-            )
-        if self.rays < 1 or self.reach <= 0:
-            raise ValueError("observation: rays and reach must be positive")
-
-    @property
-    def route(self) -> ObservationConfig:
-        """Settings of the route view."""
-        return ObservationConfig(rays=self.rays, reach=self.reach)
 
 
 @dataclass(frozen=True)
@@ -147,8 +128,12 @@ class MetaDriveConfig:
         parts: dict[str, Any] = {"observation": MetaDriveObservation, "idm": IDMParameters}
         for name, kind in parts.items():
             if isinstance(values.get(name), Mapping):
-                _check_names(values[name], kind, f"env.{name}")
-                values[name] = kind(**values[name])
+                part = {
+                    key: tuple(value) if isinstance(value, list) else value
+                    for key, value in values[name].items()
+                }
+                _check_names(part, kind, f"env.{name}")
+                values[name] = kind(**part)
         return cls(**values)
 
 

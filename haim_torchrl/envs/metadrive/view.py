@@ -68,11 +68,11 @@ class RouteView:
     """The default world's view along the route."""
 
     def __init__(self, seen: MetaDriveObservation) -> None:
-        self._config = seen.route
+        self._config = seen
         self.space = spaces.Box(-np.inf, np.inf, (self._config.size,), np.float32)
-        mirrored = self._config.reflection
-        assert mirrored is not None
-        self.reflection = Reflection(*mirrored, action_sign=(1.0, -1.0))
+        self.reflection = None
+        if seen.reflection is not None:  # None: the strips are lopsided
+            self.reflection = Reflection(*seen.reflection, action_sign=(1.0, -1.0))
 
     def reset(self, simulator: Any) -> None:
         """Nothing to begin."""

@@ -204,7 +204,7 @@ def test_the_image_shows_road_followers_and_route(make_simulator):
     assert road[row, column] == route[row, column] == 255
     assert lane.any()
     assert not obstacles.any()
-    assert vehicles[row + 14 :, column - 1 : column + 2].any()  # the first follower, 20 m behind
+    assert vehicles[row + 11 :, column - 1 : column + 2].any()  # the first follower, 20 m behind
     assert not vehicles[:row].any()
     for _ in range(10):
         seen = simulator.step(FULL)[0]
