@@ -63,7 +63,7 @@ def test_pygame_twice(site: Path) -> None:
     check = packages.pygame()
     assert check.status == "warn"
     assert "pygame 2.6.1 are both installed" in check.detail
-    assert check.fix.startswith("pip uninstall --yes pygame pygame-ce")
+    assert check.fix.startswith("pip uninstall --yes pygame, then")
 
 
 def test_pygame_that_cannot_be_imported(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
