@@ -31,6 +31,13 @@ def close_simulator() -> None:
         _open.pop()[1].close()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def leave_no_engine():
+    """Tests of other modules may start engines of their own in this process."""
+    yield
+    close_simulator()
+
+
 @pytest.fixture
 def no_engine():
     """This process holds no engine when the test begins, and none when it has ended."""

@@ -56,7 +56,7 @@ def test_a_window_needs_assets(no_engine, monkeypatch):
     [
         ({"traffic_density": 1.5}, "traffic_density: must be in"),
         ({"followers": 6}, "followers: must be between 1 and 5"),
-        ({"observation": {"view": "camera"}}, "observation.view: choose route, rays"),
+        ({"observation": {"view": "camera"}}, "observation.view: choose .rays. or .route."),
         ({"render": "2d"}, "render: choose"),
         ({"max_steering": 0.0}, "max_steering: must be positive"),
         ({"trafic_density": 0.1}, "unknown setting 'trafic_density'"),
