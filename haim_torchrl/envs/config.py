@@ -79,21 +79,35 @@ class PlatoonConfig:
             ValueError: an unknown key.
         """
         parts = {"scenario": ScenarioConfig, "observation": ObservationConfig, "idm": IDMParameters}
-        values = dict(settings or {})
-        _check_names(values, cls, "env")
-        if isinstance(values.get("observation"), Mapping):
-            values["observation"] = (
-                SemanticConfig.of(values["observation"]) or values["observation"]
-            )
-        for name, kind in parts.items():
-            if isinstance(values.get(name), Mapping):
-                part = {
-                    key: tuple(value) if isinstance(value, list) else value
-                    for key, value in values[name].items()
-                }
-                _check_names(part, kind, f"env.{name}")
-                values[name] = kind(**part)
-        return cls(**values)
+        return cls(**read_settings(settings, cls, parts))
+
+
+def read_settings(
+    settings: Mapping[str, Any] | None, kind: Any, parts: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Arguments of a world's settings from a mapping; an image's settings are told by their view.
+
+    Args:
+        settings: names and values.
+        kind: dataclass of the settings.
+        parts: dataclasses of the parts, which may be mappings, too.
+
+    Raises:
+        ValueError: an unknown key.
+    """
+    values = dict(settings or {})
+    _check_names(values, kind, "env")
+    if isinstance(values.get("observation"), Mapping):
+        values["observation"] = SemanticConfig.of(values["observation"]) or values["observation"]
+    for name, part in parts.items():
+        if isinstance(values.get(name), Mapping):
+            given = {
+                key: tuple(value) if isinstance(value, list) else value
+                for key, value in values[name].items()
+            }
+            _check_names(given, part, f"env.{name}")
+            values[name] = part(**given)
+    return values
 
 
 def _check_names(values: Mapping[str, Any], kind: Any, where: str) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
+from haim_torchrl.envs.config import read_settings
 from haim_torchrl.envs.observation import ObservationConfig
 from haim_torchrl.envs.semantic import SemanticConfig
 from haim_torchrl.traffic.car_following import IDMParameters
@@ -120,25 +121,5 @@ class MetaDriveConfig:
         Raises:
             ValueError: an unknown key.
         """
-        values = dict(settings or {})
-        _check_names(values, cls, "env")
-        if isinstance(values.get("observation"), Mapping):
-            seen = values["observation"]
-            values["observation"] = SemanticConfig.of(seen) or seen
-        parts: dict[str, Any] = {"observation": MetaDriveObservation, "idm": IDMParameters}
-        for name, kind in parts.items():
-            if isinstance(values.get(name), Mapping):
-                part = {
-                    key: tuple(value) if isinstance(value, list) else value
-                    for key, value in values[name].items()
-                }
-                _check_names(part, kind, f"env.{name}")
-                values[name] = kind(**part)
-        return cls(**values)
-
-
-def _check_names(values: Mapping[str, Any], kind: Any, where: str) -> None:
-    known = {f.name for f in fields(kind)}
-    unknown = sorted(set(values) - known)
-    if unknown:
-        raise ValueError(f"{where}: unknown setting {unknown[0]!r}; choose from {sorted(known)}")
+        parts = {"observation": MetaDriveObservation, "idm": IDMParameters}
+        return cls(**read_settings(settings, cls, parts))
