@@ -189,7 +189,7 @@ class Run:
                 "random": random_state(),
             },
         )
-        if not isinstance(self.collector, LiveCollector):
+        if not isinstance(self.collector, LiveCollector) and not self.schedule.finished:
             self._new_episode()
         return path
 

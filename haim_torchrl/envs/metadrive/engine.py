@@ -97,7 +97,7 @@ class PlatoonMetaDrive(MetaDriveEnv):
         super().__init__(translate(settings))
 
     def lazy_init(self) -> None:
-        """Start the engine; MetaDrive does so again in the reset after a close."""
+        """Start the engine, unless it runs already."""
         with contextlib.nullcontext() if _has_assets() else _without_download():
             super().lazy_init()
 

@@ -1,9 +1,10 @@
 """The N followers as bodies in MetaDrive's world.
 
 The original code imagines followers only when it predicts a disturbance. Here they drive: each
-rides the AV's trail by the paper's IDM, as in the default world, and stands in MetaDrive's world as
-a vehicle that lasers see, traffic gives way to, and that can be hit. MetaDrive's own IDM
-drivers would not do: they keep other gaps (10 m and 1.5 s) and lose the AV in a junction.
+rides the AV's trail by the paper's IDM, as in the default world, and stands in MetaDrive's world
+as a vehicle that lasers see and that can be hit. MetaDrive's traffic looks for leaders by lane,
+and a follower's lane there stays the one it started in. MetaDrive's own IDM drivers would not do:
+they keep other gaps (10 m and 1.5 s) and lose the AV in a junction.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from haim_torchrl.envs.metadrive.config import MetaDriveConfig
 from haim_torchrl.envs.metadrive.route import lane_middle
 from haim_torchrl.envs.path import Array
 from haim_torchrl.envs.platoon import Platoon
-from haim_torchrl.traffic.car_following import IDMParameters
 
 TIME_STEP = 0.1
 """Duration of a step [s]."""
@@ -46,7 +46,6 @@ class FollowerManager(BaseManager):
     def __init__(self, settings: MetaDriveConfig) -> None:
         super().__init__()
         self._settings = settings
-        self._idm: IDMParameters = settings.idm
         self.platoon: Platoon | None = None
         self._vehicles: list[MVehicle] = []
 
@@ -70,7 +69,7 @@ class FollowerManager(BaseManager):
             settings.followers,
             settings.follower_gap,
             settings.initial_speed,
-            self._idm,
+            settings.idm,
             self.LENGTH,
             float(av.LENGTH),
         )
@@ -81,7 +80,7 @@ class FollowerManager(BaseManager):
             # Without its wheels, which would take a sixth of the physics' time for nothing.
             self._physics.removeVehicle(vehicle.system)
             self._vehicles.append(vehicle)
-        self._place(lane)
+        self._place()
         for vehicle in self._vehicles:
             self._physics.attachRigidBody(vehicle.body)  # now, or lasers miss it until it moves
 
@@ -96,10 +95,10 @@ class FollowerManager(BaseManager):
             av = self.engine.agents["default_agent"]
             x, y = av.position
             self.platoon.step(np.array([x, -y]), float(av.speed), self._others(x, y), TIME_STEP)
-            self._place(av.lane)
+            self._place()
         return {}
 
-    def _place(self, lane: Any) -> None:
+    def _place(self) -> None:
         assert self.platoon is not None
         poses = zip(
             self._vehicles, self.platoon.poses.tolist(), self.platoon.speeds.tolist(), strict=True

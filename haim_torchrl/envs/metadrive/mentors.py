@@ -1,7 +1,7 @@
 """MetaDrive's own two drivers as mentors: its IDM driver and the PPO expert that it ships.
 
-Neither is good enough to teach from at the paper's settings; docs/results.md has their figures
-beside those of :class:`~haim_torchrl.mentors.expert.ExpertMentor`, which drives here, too.
+:class:`~haim_torchrl.mentors.expert.ExpertMentor`, which drives here, too, is the mentor of all
+published figures.
 """
 
 from __future__ import annotations

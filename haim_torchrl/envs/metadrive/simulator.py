@@ -8,7 +8,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from metadrive.engine.engine_utils import engine_initialized
 
 from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.envs.forecast import StallCounter, forecast
@@ -46,6 +45,7 @@ class MetaDriveSimulator(gym.Env):
     def __init__(self, settings: MetaDriveConfig) -> None:
         self.settings = settings
         self._env = open_engine(settings)
+        self._closed = False
         self._view = make_view(settings.observation, self._env.observation_space.shape[0])
         self.observation_space = self._view.space
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -79,7 +79,10 @@ class MetaDriveSimulator(gym.Env):
 
         Raises:
             ValueError: the scenario is outside the configured set.
+            RuntimeError: the engine has been closed.
         """
+        if self._closed:
+            raise RuntimeError("this MetaDrive environment is closed; make a new one")
         if seed is not None or self._np_random is None:
             super().reset(seed=seed)
         settings = self.settings
@@ -138,7 +141,8 @@ class MetaDriveSimulator(gym.Env):
 
     def close(self) -> None:
         """Stop the engine, so that this process may start another one."""
-        if engine_initialized():
+        if not self._closed:  # a second time the engine may be another simulator's
+            self._closed = True
             self._env.close()
 
     def _command(self, action: np.ndarray) -> tuple[float, float]:

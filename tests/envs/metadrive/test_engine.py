@@ -24,11 +24,15 @@ def test_it_is_a_torchrl_environment_with_the_default_worlds_keys(no_engine):
 
 def test_a_second_engine_is_refused_until_the_first_is_closed(no_engine):
     first = make_env(scenarios=2)
+    simulator = first._env
     with pytest.raises(RuntimeError, match="one engine in a process"):
         make_env(scenarios=2)
     first.close()
     second = make_env(scenarios=2)
-    second.reset()
+    simulator.close()
+    second.reset()  # closed once more, the first one leaves the second one's engine alone
+    with pytest.raises(RuntimeError, match="is closed; make a new one"):
+        simulator.reset()
     second.close()
 
 
