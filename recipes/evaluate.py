@@ -19,7 +19,8 @@ from haim_torchrl.evaluation.checkpoint import find_checkpoint
 from haim_torchrl.evaluation.command import open_folder, register, reporting, run_command
 from haim_torchrl.evaluation.config import ConfigError
 from haim_torchrl.evaluation.report import draw_episode, drive_set, training_headings
-from haim_torchrl.evaluation.run import evaluated_config, load_policy
+from haim_torchrl.evaluation.resume import evaluated_config
+from haim_torchrl.evaluation.run import load_policy
 from haim_torchrl.evaluation.tables import main_table, print_tables, split_table, write_metrics
 
 

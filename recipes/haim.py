@@ -8,13 +8,11 @@ python recipes/haim.py --config-name ablation          # the paper's ablations, 
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from pathlib import Path
 
 import hydra
 import torch
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from haim_torchrl.collectors import shutting_down
@@ -28,20 +26,19 @@ from haim_torchrl.evaluation.assembly import (
     prepare,
 )
 from haim_torchrl.evaluation.command import (
-    INTERRUPTED,
     InterruptFlag,
     RunFailed,
     job_label,
     open_folder,
     register,
-    reporting,
     run_command,
 )
 from haim_torchrl.evaluation.drivers import PolicyDriver
 from haim_torchrl.evaluation.progress import ProgressLine
-from haim_torchrl.evaluation.report import final_report
-from haim_torchrl.evaluation.run import Run, Schedule, load_policy, peak_memory, resumed_config
-from haim_torchrl.evaluation.sweep import AUTO, remaining
+from haim_torchrl.evaluation.recipe import conclude, leave, run_recipe
+from haim_torchrl.evaluation.run import Run
+from haim_torchrl.evaluation.schedule import Schedule
+from haim_torchrl.evaluation.schema import RunConfig
 from haim_torchrl.evaluation.terms import build_loss
 from haim_torchrl.evaluation.training_log import TrainingLog
 from haim_torchrl.modules import PolicyAverage
@@ -133,26 +130,11 @@ def train(config: DictConfig) -> Path:
             if schedule.due("checkpoint"):
                 run.save()
         if interrupt:
-            run.save()
-            print(f"saved; go on with: python recipes/haim.py resume={folder}")
-            sys.exit(INTERRUPTED)
+            leave(run, "recipes/haim.py")
 
-    first, last = log.takeover_rates()
-    totals = {
-        **log.totals,
-        "takeover_rate_first_fifth": first,
-        "takeover_rate_last_fifth": last,
-        "peak_memory_mib": peak_memory(),
-        **log.step_times.figures(),
-    }
-    chosen = load_policy(run.checkpoints / f"{config.eval.checkpoint}.pt", actor)
-    about = {key: chosen[key] for key in ("frames", "validation") if key in chosen}
-    final_report(folder, config, PolicyDriver(actor), totals, about)
-    if log.step_times.figures():
-        print(log.step_times)
+    conclude(run)
     say_how_it_was(config, folder, replay, actor)
     show_alone(config, PolicyDriver(actor))
-    print(f"everything is in {folder}")
     return folder
 
 
@@ -162,14 +144,7 @@ register()
 @hydra.main(version_base="1.3", config_path="../conf", config_name="haim")
 def main(config: DictConfig) -> None:
     """Hydra's entry point."""
-    hydra_config = HydraConfig.get()
-    with reporting(go_on=bool(job_label())):
-        if config.resume == AUTO:
-            todo = remaining(config, hydra_config)
-        else:
-            todo = resumed_config(config, hydra_config) if config.resume else config
-        if todo is not None:
-            train(todo)
+    run_recipe(config, train, RunConfig)
 
 
 if __name__ == "__main__":

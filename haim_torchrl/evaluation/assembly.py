@@ -26,7 +26,6 @@ from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.data.session import SESSION_FILE, SessionError, next_free, read_session
 from haim_torchrl.evaluation.config import (
     ConfigError,
-    ScenarioSet,
     check_config,
     drives_live,
     find_device,
@@ -42,6 +41,7 @@ from haim_torchrl.evaluation.drivers import (
     simulator_of,
 )
 from haim_torchrl.evaluation.person import check_person
+from haim_torchrl.evaluation.schema import ScenarioSet
 from haim_torchrl.evaluation.training_log import ScalarLogger
 from haim_torchrl.transforms import InterventionTransform, SessionRecorder, TakeoverToTransition
 

@@ -20,7 +20,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from haim_torchrl.evaluation.checkpoint import CheckpointError, find_checkpoint
-from haim_torchrl.evaluation.config import ConfigError, register_schemas
+from haim_torchrl.evaluation.config import ConfigError
+from haim_torchrl.evaluation.schema import register_schemas
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 """Exit codes: settings that cannot work, a run that could not go on, Ctrl-C."""

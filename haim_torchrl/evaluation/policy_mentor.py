@@ -12,7 +12,8 @@ from torchrl.modules import ProbabilisticActor
 from haim_torchrl.evaluation.assembly import Sizes, World, build_actor
 from haim_torchrl.evaluation.checkpoint import find_checkpoint, load_checkpoint
 from haim_torchrl.evaluation.config import ConfigError
-from haim_torchrl.evaluation.run import load_policy, saved_config
+from haim_torchrl.evaluation.resume import saved_config
+from haim_torchrl.evaluation.run import load_policy
 from haim_torchrl.mentors.policy import PolicyMentor
 
 

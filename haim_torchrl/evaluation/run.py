@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-import torch
-from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
@@ -27,10 +25,10 @@ from haim_torchrl.evaluation.checkpoint import (
     save_checkpoint,
 )
 from haim_torchrl.evaluation.command import InterruptFlag, RunFailed
-from haim_torchrl.evaluation.config import BaseConfig, ConfigError, RunConfig
 from haim_torchrl.evaluation.drivers import PolicyDriver
 from haim_torchrl.evaluation.evaluator import evaluate
 from haim_torchrl.evaluation.metrics import Summary
+from haim_torchrl.evaluation.schedule import Schedule
 from haim_torchrl.evaluation.training_log import TrainingLog
 from haim_torchrl.human import PersonQuit
 from haim_torchrl.modules import PolicyAverage
@@ -46,56 +44,6 @@ class Stateful(Protocol):
     def load_state_dict(self, state_dict: Any) -> Any:
         """Continue from it."""
         ...
-
-
-class Schedule:
-    """What is due after each batch.
-
-    Args:
-        settings: The group ``train``.
-        total_frames: Steps of the whole run.
-    """
-
-    def __init__(self, settings: Any, total_frames: int) -> None:
-        self._settings, self.total_frames = settings, total_frames
-        self.frames = 0
-        self._owed = 0.0
-        self._before = 0
-
-    def advance(self, frames: int) -> int:
-        """Count collected steps.
-
-        Returns:
-            Number of updates that are now due. A fraction is kept for the next batch.
-        """
-        self._before = self.frames
-        self.frames += frames
-        learning = self.frames - max(self._before, self._settings.learning_starts)
-        self._owed += max(learning, 0) * self._settings.updates_per_step
-        due = int(self._owed + 1e-9)
-        self._owed -= due
-        return due
-
-    def due(self, name: str) -> bool:
-        """Whether ``log``, ``checkpoint`` or ``validate`` is due: each interval, and at the end."""
-        every = self._settings[f"{name}_every"]
-        if every == 0:
-            return False
-        return self.frames // every > self._before // every or self.finished
-
-    @property
-    def finished(self) -> bool:
-        """Whether all steps are done."""
-        return self.frames >= self.total_frames
-
-    def state_dict(self) -> dict[str, float]:
-        """Counters."""
-        return {"frames": self.frames, "owed": self._owed}
-
-    def load_state_dict(self, state: Mapping[str, float]) -> None:
-        """Continue from saved counters."""
-        self.frames = self._before = int(state["frames"])
-        self._owed = float(state["owed"])
 
 
 class Run:
@@ -289,78 +237,6 @@ class Run:
             )
 
 
-def resumed_config(config: DictConfig, hydra: HydraConf) -> DictConfig:
-    """The settings to resume with: those of the checkpoint, and the values given now.
-
-    Args:
-        config: Settings composed from the files and the command line; ``resume`` is set.
-        hydra: Hydra's own settings of this job, with the overrides and the members chosen.
-
-    Raises:
-        CheckpointError: If there is no such checkpoint.
-        ConfigError: If a part is to be exchanged: the saved state would not fit it.
-    """
-    path = find_checkpoint(config.resume)
-    contents = load_checkpoint(path)
-    saved, parts = saved_config(contents, path), contents.get("choices", {})
-    result = OmegaConf.merge(OmegaConf.structured(RunConfig), saved)
-    assert isinstance(result, DictConfig)
-    for text, key, value in _overrides(hydra):
-        if key not in hydra.runtime.choices:
-            OmegaConf.update(result, key, OmegaConf.select(config, key), force_add=False)
-        elif parts.get(key) != value:
-            raise ConfigError(
-                f"{text} cannot be combined with resume, which keeps the run's own "
-                f"{key}={parts.get(key)}; start a new run to change it"
-            )
-    recorded = bool(saved.get("record", False))
-    if result.record != recorded:
-        raise ConfigError(
-            f"record={result.record} cannot be combined with resume, which keeps the run's own "
-            f"record={recorded}; start a new run to change it"
-        )
-    return result
-
-
-def evaluated_config(config: DictConfig, hydra: HydraConf, path: Path) -> DictConfig:
-    """The settings to evaluate a policy with: the world it was trained in, and what is given now.
-
-    Args:
-        config: Settings composed from the files and the command line.
-        hydra: Hydra's own settings of this job.
-        path: The policy's checkpoint.
-
-    Raises:
-        CheckpointError: If the checkpoint is missing or foreign.
-    """
-    saved = saved_config(load_checkpoint(path), path)
-    shared = [key for key in BaseConfig.__dataclass_fields__ if key in saved and key != "name"]
-    # A group is the checkpoint's as a whole: two members of it may have different keys.
-    groups = {key for key in shared if key != "eval" and OmegaConf.is_dict(saved[key])}
-    rest = OmegaConf.masked_copy(config, [key for key in map(str, config) if key not in groups])
-    result = OmegaConf.merge(rest, OmegaConf.masked_copy(saved, shared))
-    assert isinstance(result, DictConfig)
-    result.eval.set = config.eval.set
-    for _, key, _ in _overrides(hydra):
-        if key != "eval":
-            merge = key not in hydra.runtime.choices
-            OmegaConf.update(result, key.replace("/", "."), _selected(config, key), merge=merge)
-    return result
-
-
-def _selected(config: DictConfig, key: str) -> Any:
-    return OmegaConf.select(config, key.replace("/", "."))
-
-
-def _overrides(hydra: HydraConf) -> list[tuple[str, str, str]]:
-    """Overrides of the command line: text, key or group, value."""
-    found = []
-    for text in hydra.overrides.task:
-        key, _, value = text.partition("=")
-        found.append((text, key.lstrip("+~").partition("@")[0], value))
-    return found
-
-
 def _choices() -> dict[str, str]:
     """Members that Hydra chose for each group of this job."""
     settings = HydraConfig.instance().cfg
@@ -379,18 +255,6 @@ def load_policy(path: Path, actor: ProbabilisticActor) -> dict[str, Any]:
     return contents
 
 
-def saved_config(contents: Mapping[str, Any], path: Path) -> DictConfig:
-    """The settings that a checkpoint was written with.
-
-    Raises:
-        CheckpointError: If it carries none.
-    """
-    config = OmegaConf.create(str(contents.get("config", "")))
-    if not isinstance(config, DictConfig) or not config:
-        raise CheckpointError(f"checkpoint {path} carries no settings; give one of a run")
-    return config
-
-
 def peak_memory() -> float:
     """Largest memory that this process has held so far, in MiB; NaN where it is not told."""
     try:
@@ -398,8 +262,3 @@ def peak_memory() -> float:
     except ImportError:
         return float("nan")
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-
-
-def gpu_memory() -> float:
-    """Largest GPU memory that torch has held so far, in MiB; 0 without a GPU."""
-    return torch.cuda.max_memory_allocated() / 2**20 if torch.cuda.is_available() else 0.0

@@ -18,19 +18,23 @@ from haim_torchrl.evaluation.comparison import (
     read_runs,
     write_comparison,
 )
-from haim_torchrl.evaluation.run import resumed_config
+from haim_torchrl.evaluation.resume import resumed_config
+from haim_torchrl.evaluation.schema import LearningConfig
 from haim_torchrl.evaluation.tables import print_tables
 
 AUTO = "auto"
 """Value of ``resume`` for a run of a sweep: go on with whatever its folder holds."""
 
 
-def remaining(config: DictConfig, hydra: HydraConf) -> DictConfig | None:
+def remaining(
+    config: DictConfig, hydra: HydraConf, schema: type[LearningConfig]
+) -> DictConfig | None:
     """What is left to do of a run of a sweep that may have been interrupted before.
 
     Args:
         config: Settings of the run; ``resume`` is ``auto``.
         hydra: Hydra's own settings of this job.
+        schema: Types of the settings.
 
     Returns:
         Settings to train with: of a fresh run, or of the last checkpoint. None for a run that is
@@ -43,7 +47,7 @@ def remaining(config: DictConfig, hydra: HydraConf) -> DictConfig | None:
         return None
     if (folder / "checkpoints" / "last.pt").exists():
         config.resume = str(folder)
-        config = resumed_config(config, hydra)
+        config = resumed_config(config, hydra, schema)
         config.resume = str(folder)
         return config
     if folder.exists() and any(folder.iterdir()):

@@ -18,7 +18,7 @@ from haim_torchrl.data import SessionError, SessionWriter, make_replay_buffer, r
 from haim_torchrl.data.minari import MinariError, describe, export_session, load_minari, main
 from haim_torchrl.envs import make_env
 from haim_torchrl.evaluation.assembly import World
-from haim_torchrl.evaluation.config import register_schemas
+from haim_torchrl.evaluation.schema import register_schemas
 from haim_torchrl.mentors import FunctionMentor
 from haim_torchrl.switches import ActionSwitch, Always
 from haim_torchrl.transforms import InterventionTransform, SessionRecorder, TakeoverToTransition

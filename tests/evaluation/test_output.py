@@ -15,10 +15,10 @@ from omegaconf import OmegaConf
 
 from haim_torchrl.evaluation.checkpoint import CheckpointError, save_checkpoint
 from haim_torchrl.evaluation.command import InterruptFlag, run_folder
-from haim_torchrl.evaluation.config import TrainConfig
 from haim_torchrl.evaluation.metrics import EpisodeRecord, summarise
 from haim_torchrl.evaluation.progress import ProgressLine, clock
-from haim_torchrl.evaluation.run import Schedule
+from haim_torchrl.evaluation.schedule import Schedule
+from haim_torchrl.evaluation.schema import TrainConfig
 from haim_torchrl.evaluation.statistics import Estimate
 from haim_torchrl.evaluation.tables import (
     cell,

@@ -24,12 +24,11 @@ from haim_torchrl.evaluation.assembly import Sizes, World, build, build_actor
 from haim_torchrl.evaluation.command import register
 from haim_torchrl.evaluation.config import (
     ConfigError,
-    EvalConfig,
-    TrainConfig,
     check_config,
     find_device,
     plain,
 )
+from haim_torchrl.evaluation.schema import EvalConfig, TrainConfig
 from haim_torchrl.evaluation.terms import build_loss
 from haim_torchrl.modules import make_critic
 
@@ -269,8 +268,9 @@ def test_methods_are_bundles_of_groups() -> None:
 
 def test_the_ablation_is_the_default_run_for_every_method_and_seed() -> None:
     ablation = load(name="ablation")
-    assert (ablation.name, ablation.resume) == ("ablation", "auto")
-    assert OmegaConf.merge(ablation, {"name": "haim", "resume": None}) == load()
+    assert ablation.resume == "auto"
+    assert OmegaConf.merge(ablation, {"resume": None}) == load()
     methods = {path.stem for path in (CONF / "method").glob("*.yaml")}
+    assert {load(f"method={method}").name for method in methods} == methods
     raw = OmegaConf.load(CONF / "ablation.yaml")
     assert set(raw.hydra.sweeper.params.method.split(",")) == methods  # type: ignore[union-attr]

@@ -16,7 +16,7 @@ def test_a_sweep_goes_on_where_it_stopped(
 ) -> None:
     def sweep(followers: str) -> tuple[int, str, str]:
         process = starter(
-            tmp_path, "haim", "--config-name", "ablation", *SETTINGS, "name=sweep",
+            tmp_path, "haim", "--config-name", "ablation", *SETTINGS, "hydra.sweep.dir=runs/sweep",
             "method=proxy_q", "seed=0", f"env.followers={followers}",
         )  # fmt: skip
         out, err = process.communicate(timeout=240)

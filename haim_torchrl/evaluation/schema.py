@@ -1,0 +1,210 @@
+"""The types of a recipe's settings, against which Hydra checks every file and override.
+
+The groups of ``conf/`` are typed by the functions and classes that their ``_target_`` names; here
+is what stands outside the groups.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING
+
+
+@dataclass
+class ScenarioSet:
+    """A range of scenario seeds.
+
+    Attributes:
+        start: First seed.
+        count: Number of scenarios.
+    """
+
+    start: int = MISSING
+    count: int = MISSING
+
+    def seeds(self) -> range:
+        """The seeds."""
+        return range(self.start, self.start + self.count)
+
+
+@dataclass
+class ScheduleConfig:
+    """How often a training run writes down, saves and validates.
+
+    Attributes:
+        log_every: Steps between rows of ``train.csv``.
+        checkpoint_every: Steps between checkpoints; the environments are reset at each, so that a
+            resumed run sees what the uninterrupted one saw.
+        validate_every: Steps between validations; 0 for none.
+    """
+
+    log_every: int = 500
+    checkpoint_every: int = 5000
+    validate_every: int = 5000
+
+
+@dataclass
+class TrainConfig(ScheduleConfig):
+    """How collecting and learning alternate.
+
+    Attributes:
+        batch_size: Transitions in an update.
+        updates_per_step: Updates per environment step; 0.5 is one update every other step.
+        learning_starts: Steps before the first update.
+        policy_average: Share that the average of the policy keeps at each update; the average
+            drives in training, and is validated and kept. 0 keeps the policy of the moment.
+        max_grad_norm: Bound of the gradient's norm over all parameters; null for none.
+        no_takeover_after: Steps without any takeover after which the run stops (decision 18).
+    """
+
+    batch_size: int = 256
+    updates_per_step: float = 0.5
+    learning_starts: int = 500
+    policy_average: float = 0.999
+    max_grad_norm: float | None = None
+    no_takeover_after: int = 5000
+
+
+@dataclass
+class EvalConfig:
+    """Which scenarios measure what.
+
+    Attributes:
+        train: Scenarios that training draws from.
+        validation: Scenarios for choosing checkpoints and settings, never the test range
+            (decision 17).
+        test: Held-out scenarios for the final figures.
+        set: Which of the three ``recipes/evaluate.py`` drives.
+        checkpoint: ``best`` on validation or ``last``: what the final evaluation drives.
+        horizon: Steps until an episode of validation or test is cut off; null for as many as in
+            training.
+        workers: Processes of the final evaluation.
+        level: Confidence level of the intervals.
+        pictures: Whether to draw pictures and the GIF at the end.
+        show: Episodes that a person who was the mentor watches the trained agent drive alone.
+    """
+
+    train: ScenarioSet = field(default_factory=ScenarioSet)
+    validation: ScenarioSet = field(default_factory=ScenarioSet)
+    test: ScenarioSet = field(default_factory=ScenarioSet)
+    set: str = "test"
+    checkpoint: str = "best"
+    horizon: int | None = None
+    workers: int = 1
+    level: float = 0.95
+    pictures: bool = True
+    show: int = 3
+
+
+@dataclass
+class BaseConfig:
+    """What every recipe needs: a world, who drives in it, and how that is measured.
+
+    Attributes:
+        name: Name of the run; its folder is ``runs/<name>/<date>_<time>``.
+        seed: Seed of everything random.
+        device: ``cpu``, ``cuda`` or ``auto``.
+        threads: Threads of torch in this process.
+    """
+
+    name: str = MISSING
+    seed: int = 0
+    device: str = "cpu"
+    threads: int = 1
+    env: dict[str, Any] = field(default_factory=dict)
+    mentor: dict[str, Any] = field(default_factory=dict)
+    switch: dict[str, Any] = field(default_factory=dict)
+    loss: dict[str, Any] = field(default_factory=dict)
+    actor: dict[str, Any] = field(default_factory=dict)
+    collector: dict[str, Any] = field(default_factory=dict)
+    eval: EvalConfig = field(default_factory=EvalConfig)
+
+
+@dataclass
+class LearningConfig(BaseConfig):
+    """What every recipe needs that trains while it drives.
+
+    Attributes:
+        total_frames: Environment steps of training.
+        resume: Run folder or checkpoint to go on from; null for a new run.
+        record: Whether to write every step to ``session.jsonl``, from which the run can be driven
+            again; false stands for runs from before the setting.
+    """
+
+    total_frames: int = 30_000
+    resume: str | None = None
+    record: bool = False
+    critic: dict[str, Any] = field(default_factory=dict)
+    optimizer: dict[str, Any] = field(default_factory=dict)
+    logger: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class RunConfig(LearningConfig):
+    """Settings of ``recipes/haim.py``.
+
+    Attributes:
+        compile: Whether to compile the losses; worth it for long runs only.
+        train: How collecting and learning alternate.
+    """
+
+    compile: bool = False
+    replay: dict[str, Any] = field(default_factory=dict)
+    train: TrainConfig = field(default_factory=TrainConfig)
+
+
+@dataclass
+class CloneConfig:
+    """How the mentor is cloned.
+
+    Attributes:
+        steps: Mentor-driven steps to record.
+        like: Folder of a run whose number of mentor-driven steps is recorded instead, or null.
+        updates: Gradient steps.
+        batch_size: Steps in one.
+        mirrored: Share of them seen with left and right exchanged, where the world has that
+            symmetry.
+        lr: Learning rate.
+        loss_function: ``l2`` on the deterministic action, or ``nll`` for its negative log-density.
+        validate_every: Gradient steps between validations; the best is kept.
+    """
+
+    steps: int = 4000
+    like: str | None = None
+    updates: int = 10_000
+    batch_size: int = 256
+    mirrored: float = 0.5
+    lr: float = 3e-4
+    loss_function: str = "l2"
+    validate_every: int = 2500
+
+
+@dataclass
+class CloneRunConfig(BaseConfig):
+    """Settings of ``recipes/clone.py``."""
+
+    clone: CloneConfig = field(default_factory=CloneConfig)
+
+
+@dataclass
+class EvaluateConfig(BaseConfig):
+    """Settings of ``recipes/evaluate.py``.
+
+    Attributes:
+        checkpoint: Run folder or checkpoint of the policy; null where no policy drives.
+        driver: ``policy``, ``policy+mentor``, ``mentor``, ``random``, ``straight``, or a list.
+    """
+
+    checkpoint: str | None = None
+    driver: Any = "policy"
+
+
+def register_schemas() -> None:
+    """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
+    store = ConfigStore.instance()
+    store.store(name="run_schema", node=RunConfig)
+    store.store(name="clone_schema", node=CloneRunConfig)
+    store.store(name="evaluate_schema", node=EvaluateConfig)
