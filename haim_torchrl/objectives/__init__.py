@@ -8,6 +8,7 @@ from haim_torchrl.objectives.cost import (
     ExplicitInterventionLoss,
     ImplicitInterventionLoss,
 )
+from haim_torchrl.objectives.ensemble_cloning import EnsembleCloningLoss
 from haim_torchrl.objectives.forward_pass import ForwardPass
 from haim_torchrl.objectives.optimization import (
     NonFiniteLossError,
@@ -34,6 +35,7 @@ __all__ = [
     "ConservativePreferenceLoss",
     "CostCriticLoss",
     "CriticTerm",
+    "EnsembleCloningLoss",
     "ExplicitInterventionLoss",
     "ForwardPass",
     "HAIMLoss",
