@@ -169,6 +169,14 @@ class TrainingLog:
             self._episodes.append(row)
         return finished
 
+    def add_demonstrations(self, data: TensorDictBase) -> None:
+        """Count steps ``[N]`` that the mentor drove alone: its own, and the environment's."""
+        self.totals["frames"] += len(data)
+        self.totals["mentor_steps"] += len(data)
+        cost = data.get(("next", "cost"), None)
+        if cost is not None:
+            self.totals["violations"] += float(cost.sum())
+
     def restart_episodes(self) -> None:
         """Forget unfinished episodes, because the environments were reset."""
         for meter in self._meters:
