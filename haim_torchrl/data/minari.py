@@ -20,13 +20,13 @@ from tensordict import TensorDict
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import EnvBase
 
-from haim_torchrl.data.minari_export import (
+from haim_torchrl.data.minari_export import export_session
+from haim_torchrl.data.minari_format import (
     CARD,
     OUTCOMES,
     WHO_DROVE,
     MinariError,
     check_ranges,
-    export_session,
     find_minari,
 )
 from haim_torchrl.data.session import SessionError
