@@ -19,6 +19,7 @@ from torchrl.envs.utils import step_mdp
 
 from haim_torchrl.data.minari_format import OUTCOMES, WHO_DROVE, MinariError, Spaces
 from haim_torchrl.data.minari_writer import DatasetEpisode, new_folder, write_dataset
+from haim_torchrl.data.quality import Quality
 from haim_torchrl.data.session import Session, SessionEpisode, read_session
 
 
@@ -147,24 +148,12 @@ def _drive(env: EnvBase, episode: SessionEpisode) -> TensorDict:
 
 
 def _card(session: Session, driven: list[TensorDict]) -> dict[str, Any]:
-    steps = TensorDict.cat(driven)
-    finished = [episode for episode in driven if episode["next", "done"][-1]]
-    success = [bool(e["next", "success"][-1]) for e in finished if ("next", "success") in e]
-    versions = session.header["versions"]
     return {
-        "statistics": {
-            "episodes": len(driven),
-            "steps": len(steps),
-            "mentor_share": steps["intervention"].float().mean().item(),
-            "takeovers": int(steps["takeover_start"].sum()),
-            "mean_return": steps["next", "reward"].sum().item() / len(driven),
-            "finished": len(finished),
-            "success": sum(success) / len(success) if success else None,
-        },
+        "statistics": Quality.of(driven).as_dict(),
         "seed": session.header["seed"],
         "started": session.header["started"],
         "settings": session.header["settings"],
-        "versions": {name.replace("_", "-"): version for name, version in versions.items()},
+        "versions": session.header["versions"],
     }
 
 

@@ -81,6 +81,7 @@ def write_dataset(
         where = f"episode {number} of dataset {dataset_id}"
         check_ranges(episode.steps, spaces.observation, spaces.action, where)
     held = [key for key in OUTCOMES if all(("next", key) in e.steps for e in episodes)]
+    versions = card["versions"]
     infos = {k: v for k, v in INFOS.items() if k not in OUTCOMES or k in held}
     try:
         with warnings.catch_warnings():
@@ -95,7 +96,7 @@ def write_dataset(
                 author=author,
                 author_email=author_email,
                 description=description,
-                requirements=[f"{n}=={v}" for n, v in card["versions"].items()],
+                requirements=[f"{n.replace('_', '-')}=={v}" for n, v in versions.items()],
                 data_format="hdf5",
                 jpeg_encoding=False,
             )

@@ -157,36 +157,22 @@ class RunConfig(LearningConfig):
 
 
 @dataclass
-class CloneConfig:
-    """How the mentor is cloned.
+class DemonstrateConfig(BaseConfig):
+    """Settings of ``recipes/demonstrate.py``.
 
     Attributes:
-        steps: Mentor-driven steps to record.
-        like: Folder of a run whose number of mentor-driven steps is recorded instead, or null.
-        updates: Gradient steps.
-        batch_size: Steps in one.
-        mirrored: Share of them seen with left and right exchanged, where the world has that
-            symmetry.
-        lr: Learning rate.
-        loss_function: ``l2`` on the deterministic action, or ``nll`` for its negative log-density.
-        validate_every: Gradient steps between validations; the best is kept.
+        dataset: Id of the Minari dataset to write, ``name-v0`` or ``namespace/name-v0``.
+        steps: Steps to record.
+        driver: Who drives: ``mentor``, ``policy``, ``random`` or ``straight``.
+        checkpoint: Run folder or checkpoint of the policy; null where another one drives.
+        author: For the dataset's card; null for none.
     """
 
-    steps: int = 4000
-    like: str | None = None
-    updates: int = 10_000
-    batch_size: int = 256
-    mirrored: float = 0.5
-    lr: float = 3e-4
-    loss_function: str = "l2"
-    validate_every: int = 2500
-
-
-@dataclass
-class CloneRunConfig(BaseConfig):
-    """Settings of ``recipes/clone.py``."""
-
-    clone: CloneConfig = field(default_factory=CloneConfig)
+    dataset: str = MISSING
+    steps: int = 49_000
+    driver: str = "mentor"
+    checkpoint: str | None = None
+    author: str | None = None
 
 
 @dataclass
@@ -206,5 +192,5 @@ def register_schemas() -> None:
     """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
     store = ConfigStore.instance()
     store.store(name="run_schema", node=RunConfig)
-    store.store(name="clone_schema", node=CloneRunConfig)
+    store.store(name="demonstrate_schema", node=DemonstrateConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
