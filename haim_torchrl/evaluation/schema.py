@@ -124,22 +124,31 @@ class BaseConfig:
 
 
 @dataclass
-class LearningConfig(BaseConfig):
+class ResumableConfig(BaseConfig):
+    """What every recipe needs that learns, and that can be interrupted and resumed.
+
+    Attributes:
+        resume: Run folder or checkpoint to go on from; null for a new run.
+    """
+
+    resume: str | None = None
+    critic: dict[str, Any] = field(default_factory=dict)
+    optimizer: dict[str, Any] = field(default_factory=dict)
+    logger: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class LearningConfig(ResumableConfig):
     """What every recipe needs that trains while it drives.
 
     Attributes:
         total_frames: Environment steps of training.
-        resume: Run folder or checkpoint to go on from; null for a new run.
         record: Whether to write every step to ``session.jsonl``, from which the run can be driven
             again; false stands for runs from before the setting.
     """
 
     total_frames: int = 30_000
-    resume: str | None = None
     record: bool = False
-    critic: dict[str, Any] = field(default_factory=dict)
-    optimizer: dict[str, Any] = field(default_factory=dict)
-    logger: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -176,6 +185,55 @@ class DemonstrateConfig(BaseConfig):
 
 
 @dataclass
+class OfflineConfig:
+    """How a policy is learned from data alone.
+
+    Attributes:
+        updates: Gradient steps.
+        batch_size: Transitions in one.
+        lr: Learning rate of Adam.
+        policy_average: Share that the average of the policy keeps at each update; the average is
+            validated and kept. 0 keeps the policy of the moment.
+        max_grad_norm: Bound of the gradient's norm over all parameters; null for none.
+        log_every: Updates between rows of ``train.csv``.
+        checkpoint_every: Updates between checkpoints.
+        validate_every: Updates between validations; the best policy is kept.
+    """
+
+    updates: int = 20_000
+    batch_size: int = 256
+    lr: float = 3e-4
+    policy_average: float = 0.999
+    max_grad_norm: float | None = None
+    log_every: int = 500
+    checkpoint_every: int = 5000
+    validate_every: int = 5000
+
+
+@dataclass
+class OfflineRunConfig(ResumableConfig):
+    """Settings of ``recipes/offline.py``.
+
+    Attributes:
+        demonstrations: Minari dataset to learn from, or its folder; null to have the mentor drive.
+        steps: Steps that the mentor then drives.
+        like: Folder of a run whose number of mentor-driven steps it drives instead, or null.
+        cost_weight: Reward that a cost of 1, such as a collision, takes away.
+        objective: The loss, a partial that takes ``actor_network``, and ``qvalue_network`` if it
+            has critics.
+        offline: How it is learned.
+    """
+
+    demonstrations: str | None = None
+    steps: int = 4000
+    like: str | None = None
+    cost_weight: float = 5.0
+    objective: dict[str, Any] = field(default_factory=dict)
+    replay: dict[str, Any] = field(default_factory=dict)
+    offline: OfflineConfig = field(default_factory=OfflineConfig)
+
+
+@dataclass
 class EvaluateConfig(BaseConfig):
     """Settings of ``recipes/evaluate.py``.
 
@@ -193,4 +251,5 @@ def register_schemas() -> None:
     store = ConfigStore.instance()
     store.store(name="run_schema", node=RunConfig)
     store.store(name="demonstrate_schema", node=DemonstrateConfig)
+    store.store(name="offline_schema", node=OfflineRunConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
