@@ -54,3 +54,22 @@ class Schedule:
         """Continue from saved counters."""
         self.frames = self._before = int(state["frames"])
         self._owed = float(state["owed"])
+
+
+class UpdateSchedule(Schedule):
+    """What is due after each update of a run that learns from data alone: its steps are updates.
+
+    Args:
+        settings: The group ``offline``.
+    """
+
+    key = "offline.updates"
+
+    def __init__(self, settings: Any) -> None:
+        super().__init__(settings, settings.updates)
+
+    def advance(self, frames: int = 1) -> int:
+        """Count updates that were made."""
+        self._before = self.frames
+        self.frames += frames
+        return 0

@@ -3,6 +3,7 @@
 from haim_torchrl.objectives.actor import ActorLoss, WeightedCritic
 from haim_torchrl.objectives.anchor import CloningAnchorLoss
 from haim_torchrl.objectives.composite import HAIMLoss
+from haim_torchrl.objectives.conservative import ConservativeQLoss
 from haim_torchrl.objectives.cost import (
     CostCriticLoss,
     ExplicitInterventionLoss,
@@ -33,6 +34,7 @@ __all__ = [
     "BoundedPreferenceLoss",
     "CloningAnchorLoss",
     "ConservativePreferenceLoss",
+    "ConservativeQLoss",
     "CostCriticLoss",
     "CriticTerm",
     "EnsembleCloningLoss",
