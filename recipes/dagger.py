@@ -2,13 +2,12 @@
 
 python recipes/dagger.py                               # HG-DAgger: conf/algorithm/hg_dagger.yaml
 python recipes/dagger.py algorithm=iwr                 # IWR
-python recipes/dagger.py demonstrations=<dataset>      # warm-up from a Minari dataset
+python recipes/dagger.py demonstrations=platoon/expert-v0    # begin with a dataset's
 python recipes/dagger.py resume=runs/iwr/<date>        # go on with a run
 """
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import hydra
@@ -34,6 +33,7 @@ from haim_torchrl.evaluation.command import (
     register,
     run_command,
 )
+from haim_torchrl.evaluation.offline import build_objective
 from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.recipe import conclude, leave, run_recipe
 from haim_torchrl.evaluation.rounds import Rounds, check_rounds
@@ -54,9 +54,7 @@ def train(config: DictConfig) -> Path:
 
     # The parts: one actor (or an ensemble), the loss that clones, the data, who collects.
     actor = build_actor(config, sizes, device)
-    with warnings.catch_warnings():  # about a target network, which BCLoss has none of
-        warnings.simplefilter("ignore", UserWarning)
-        loss = build(config.cloning, actor)
+    loss, _ = build_objective(config, actor)
     optimizer = Adam(loss.parameters(), lr=config.dagger.lr, fused=True)
     update = UpdateStep(loss, optimizer)
     policy = PolicyAverage(actor, 0.0)  # drives: the actor as it was after the last round
@@ -68,14 +66,14 @@ def train(config: DictConfig) -> Path:
         device=device,
     )
     data = Aggregate(replay, config.dagger.keep)
+    shown = None if config.resume else warm_up(config, config.dagger.warm_up, actor.in_keys)
     folder = open_folder(config)
     log = TrainingLog(folder, build_logger(config), pace=config.collector.get("pace"))
     rounds = Rounds(config.dagger, config.total_frames)
-    if not config.resume:
-        demonstrations = warm_up(config, rounds.warm_up, actor.in_keys)
-        data.add_demonstrations(demonstrations)
-        log.add_demonstrations(demonstrations)
-        rounds.advance(rounds.warm_up)
+    if shown is not None:
+        data.add_demonstrations(shown)
+        log.add_demonstrations(shown)
+        rounds.advance(len(shown))
     collector = build(
         config.collector,
         world,

@@ -59,6 +59,12 @@ def check_rounds(config: DictConfig) -> None:
         raise ConfigError(f"dagger.lr must be positive; got {settings.lr}")
     if settings.keep not in ("mentor", "all"):
         raise ConfigError(f"dagger.keep must be mentor or all; got {settings.keep}")
+    ensemble = str(config.objective.get("_target_", "")).endswith(".EnsembleCloningLoss")
+    if ensemble and not str(config.actor.get("_target_", "")).endswith("ensemble_actor"):
+        raise ConfigError(
+            "EnsembleCloningLoss clones an ensemble; use actor=ensemble, or algorithm=iwr for one "
+            "policy"
+        )
     rounds = (total - settings.warm_up) // settings.interactions
     fits = settings.warm_up + max(rounds, 1) * settings.interactions
     if total != fits:

@@ -14,6 +14,9 @@ class Schedule:
         total_frames: Steps of the whole run.
     """
 
+    #: The setting that says how long the run is.
+    key = "total_frames"
+
     def __init__(self, settings: Any, total_frames: int) -> None:
         self._settings, self.total_frames = settings, total_frames
         self.frames = 0

@@ -73,12 +73,22 @@ class EnsembleCloningLoss(LossTerm):
 
         Returns:
             The loss, and the mean doubt.
+
+        Raises:
+            ValueError: if the policy does not write what its members do.
         """
+        keys, written = self.tensor_keys, list(self.actor_network.out_keys)
+        for key in (keys.action_members, keys.doubt):
+            if key not in written:
+                raise ValueError(
+                    f"actor_network writes {written}, but not {key!r}; use make_ensemble_actor, or "
+                    "name another entry with set_keys()."
+                )
         seen = batch.tensordict.select(*self.actor_network.in_keys)
         done = self._actor.run(self.actor_network_params, self.actor_network, seen)
-        action = batch.read(self.tensor_keys.action)
-        distance = functional.ensemble_distance(done.get(self.tensor_keys.action_members), action)
-        doubt = done.get(self.tensor_keys.doubt).mean()
+        action = batch.read(keys.action)
+        distance = functional.ensemble_distance(done.get(keys.action_members), action)
+        doubt = done.get(keys.doubt).mean()
         return {self.loss_name: self._reduce(distance, batch), "doubt": doubt.detach()}
 
     def reads(self) -> Sequence[NestedKey]:

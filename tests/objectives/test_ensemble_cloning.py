@@ -9,7 +9,7 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.objectives import BCLoss
 
-from haim_torchrl.modules import make_ensemble_actor
+from haim_torchrl.modules import make_actor, make_ensemble_actor
 from haim_torchrl.objectives import EnsembleCloningLoss
 from haim_torchrl.objectives.functional import ensemble_distance
 
@@ -102,6 +102,12 @@ def test_every_member_is_fitted() -> None:
         optimizer.step()
     done = policy(batch.select("observation"))["action_members"]
     assert (done - wanted.unsqueeze(1)).abs().mean((0, 2)).max() < 0.05
+
+
+def test_a_policy_that_is_no_ensemble_is_named() -> None:
+    loss = EnsembleCloningLoss(make_actor(1, 1))
+    with pytest.raises(ValueError, match="but not 'action_members'; use make_ensemble_actor"):
+        loss(samples(0.0))
 
 
 def test_a_missing_action_is_named() -> None:

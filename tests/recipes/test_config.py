@@ -35,6 +35,8 @@ from haim_torchrl.modules import make_critic
 CONF = Path(__file__).parents[2] / "conf"
 FILES = sorted(path.relative_to(CONF) for path in CONF.rglob("*.yaml"))
 MEMBERS = [path for path in FILES if len(path.parts) > 1]
+#: Recipes with a choice of algorithms: the presets of both begin with their names.
+ALGORITHMS = {"dagger": ("hg_dagger", "iwr"), "offline": ("bc", "cql")}
 
 
 @functools.cache
@@ -70,6 +72,12 @@ def composed(path: Path) -> DictConfig:
         return OmegaConf.load(CONF / path)  # type: ignore[return-value]
     if len(path.parts) > 2 and path.parts[0] == "mentor":  # groups that only people have
         return load("mentor=keyboard", f"{path.parent}={path.stem}")
+    if path.parts[0] in ("algorithm", "preset"):
+        for recipe, algorithms in ALGORITHMS.items():
+            for name in (recipe, *algorithms):
+                if path.stem == name or path.stem.startswith(f"{name}_"):
+                    chosen = [] if name == recipe else [f"algorithm={name}"]
+                    return load(f"{path.parent}={path.stem}", *chosen, name=recipe)
     return load(f"{path.parent}={path.stem}")
 
 
@@ -95,7 +103,7 @@ def test_every_file_says_what_it_is(path: Path) -> None:
     assert comments, f"{path} does not begin with a comment"
 
 
-@pytest.mark.parametrize("name", ["haim", "clone", "evaluate"])
+@pytest.mark.parametrize("name", ["haim", "dagger", "offline", "evaluate"])
 def test_recipe_settings_pass_the_checks(name: str) -> None:
     check_config(load(name=name))
 
