@@ -129,6 +129,8 @@ def train(config: DictConfig) -> Path:
         if interrupt:
             leave(run, "recipes/dagger.py")
 
+    if not log.totals["takeovers"]:
+        print("beware: no takeover happened; what was learned is from demonstrations alone")
     conclude(run, {"doubt_threshold": doubt_threshold(data.doubts)})
     return folder
 

@@ -21,10 +21,10 @@ class Aggregate:
     and takeovers alike; what the agent did itself is dropped. With a replay that samples uniformly
     each of these steps counts the same.
 
-    ``keep="all"`` is that of intervention weighted regression (IWR, Mandlekar et al., "Human-in-the
-    -Loop Imitation Learning using Remote Teleoperation", 2020): the agent's own steps are cloned,
-    too, as the mentor let them pass. Takeovers are few among them, and are what avoids harm, so
-    that they get half of the weight: with a balanced replay an intervened sample counts
+    ``keep="all"`` is that of intervention weighted regression (IWR; Mandlekar et al.,
+    "Human-in-the-Loop Imitation Learning using Remote Teleoperation", 2020): the agent's own steps
+    are cloned, too, as the mentor let them pass. Takeovers are few among them, and are what avoids
+    harm, so they get half of the weight: with a balanced replay an intervened sample counts
     ``n_free / n_intervened`` times as much as a free one. Demonstrations count as free.
 
     Args:
