@@ -50,7 +50,12 @@ class Estimate:
         return cls(value, low, high, int(fields["count"] or 0))
 
 
-def _check_level(level: float) -> None:
+def check_level(level: float) -> None:
+    """Refuse a confidence level that is none, such as 95.
+
+    Raises:
+        ValueError: If it does not lie between 0 and 1.
+    """
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie strictly between 0 and 1, such as 0.95; got {level}")
 
@@ -74,7 +79,7 @@ def wilson_interval(successes: int, trials: int, level: float = 0.95) -> Estimat
         >>> round(estimate.low, 3), round(estimate.high, 3)
         (0.49, 0.943)
     """
-    _check_level(level)
+    check_level(level)
     if not 0 <= successes <= trials:
         raise ValueError(f"successes must lie in 0..trials; got {successes} of {trials}")
     if trials == 0:
@@ -111,7 +116,7 @@ def ratio_interval(
     Raises:
         ValueError: If the shapes differ or the level is impossible.
     """
-    _check_level(level)
+    check_level(level)
     top = np.asarray(numerators, dtype=np.float64)
     bottom = np.asarray(denominators, dtype=np.float64)
     if top.shape != bottom.shape or top.ndim != 1:
@@ -170,7 +175,7 @@ def nested_interval(
     Returns:
         The mean of the runs' means; ``count`` is the number of runs.
     """
-    _check_level(level)
+    check_level(level)
     arrays = [np.asarray(run, dtype=np.float64) for run in runs if len(run)]
     if not arrays:
         return Estimate(math.nan, math.nan, math.nan, 0)
