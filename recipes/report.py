@@ -14,9 +14,10 @@ from omegaconf import DictConfig
 
 from haim_torchrl.evaluation.command import register, reporting, run_command
 from haim_torchrl.evaluation.config import ConfigError
-from haim_torchrl.report.comparisons import effort_table, improvement_table
 from haim_torchrl.report.curves import draw_figures
+from haim_torchrl.report.effort import effort_table
 from haim_torchrl.report.gathering import gather
+from haim_torchrl.report.improvement import improvement_table
 from haim_torchrl.report.page import Report
 from haim_torchrl.report.runs import publish
 from haim_torchrl.report.side_by_side import draw_side_by_side
@@ -59,7 +60,7 @@ def report(config: DictConfig) -> Path:
     page = contents.write(folder)
     runs = found.runs()
     publish(runs, folder / "runs.json")
-    print(f"{len(runs)} runs of {len(methods)} methods are in {page}")
+    print(f"runs: {len(runs)}, methods: {len(methods)}; the page is {page}")
     return page
 
 

@@ -192,7 +192,7 @@ def draw_figures(
     drawn = []
     for group in groups:
         chosen = [name for name in (reference, *group.names) if name in trained]
-        if len(chosen) > 1 or group.key == "others":
+        if set(chosen) - {reference} or group.key == "others":
             members = {name: trained[name] for name in chosen}
             path = draw_curves(members, group.title, folder / f"{group.key}.png")
             drawn.append((group.title, path))

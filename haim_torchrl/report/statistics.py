@@ -38,8 +38,8 @@ def interquartile_mean(values: ArrayLike) -> Array:
     Example:
         >>> float(interquartile_mean([0.0, 2.0, 4.0, 100.0]))
         3.0
-        >>> float(interquartile_mean([0.0, 1.0, 8.0]))
-        2.0
+        >>> float(interquartile_mean([1.0, 4.0]))
+        2.5
     """
     ordered = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
     count = ordered.shape[-1]
@@ -83,6 +83,10 @@ class Scores:
         """
         column = np.asarray(values, dtype=np.float64).reshape(-1, 1)
         return cls.of(column[np.isfinite(column[:, 0])])
+
+    def scaled(self, factor: float) -> Scores:
+        """The measure times a number, such as -1 where less of it is better."""
+        return Scores(factor * self.numerators, self.denominators)
 
     def figures(self, times: ArrayLike | None = None) -> Array:
         """The measure of each seed.
