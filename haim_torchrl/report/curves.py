@@ -32,16 +32,18 @@ class Panel:
         column: Column of the validations; ``takeover_rate`` or ``violations_total`` for the
             course of the training.
         unit: Whether the values lie between 0 and 1.
+        signed: Whether they may be negative.
     """
 
     title: str
     column: str
     unit: bool = False
+    signed: bool = False
 
 
 PANELS = (
     Panel("success, validation", "success", unit=True),
-    Panel("return, validation", "return"),
+    Panel("return, validation", "return", signed=True),
     Panel("safety violations, validation", "violations"),
     Panel("disturbance rate, validation", "disturbance_rate"),
     Panel("takeover rate, training", "takeover_rate", unit=True),
@@ -164,6 +166,8 @@ def _draw(axes: Axes, methods: Mapping[str, Method], panel: Panel, axis: str) ->
     axes.spines[["top", "right"]].set_visible(False)
     if panel.unit:
         axes.set_ylim(-0.02, 1.02)
+    elif not panel.signed and ends:
+        axes.set_ylim(bottom=0.0)
     if ends and max(ends) > 4.0 * min(ends):
         axes.set_xscale("log")  # budgets that differ as those of Table 1 do
     if not ends:

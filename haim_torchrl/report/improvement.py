@@ -51,14 +51,10 @@ def improvement_table(
         name_shown = known(name).title
         if not shared:
             notes.append(f"{name_shown} was not tested on the same scenarios of the same world.")
-        estimates = [
-            probability_of_improvement(
-                *(method.scores(measure, shared).scaled(sign) for method in (base, other)),
-                level=level,
-                resamples=resamples,
-            )
-            for measure, (_, sign) in COMPARED.items()
-        ]
+        estimates = []
+        for measure, (_, sign) in COMPARED.items():
+            ours_scores, theirs = (m.scores(measure, shared).scaled(sign) for m in (base, other))
+            estimates.append(probability_of_improvement(ours_scores, theirs, level, resamples))
         rows.append([name_shown, str(base.seeds * other.seeds), *map(cell, estimates)])
         numbers.append({"method": name, "reference": reference, **_fields(estimates)})
     return ReportTable(key, title, columns, rows, notes, numbers)

@@ -17,7 +17,8 @@ h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .85em; }
 th, td { padding: .3em .7em; text-align: left; white-space: nowrap; }
 th { border-bottom: 2px solid #888; white-space: normal; vertical-align: bottom; }
-td { border-bottom: 1px solid #ddd; }
+td { border-bottom: 1px solid #ddd; vertical-align: top; }
+.paper { color: #777; }
 .note { color: #555; font-size: .85em; max-width: 70em; margin: .5em 0; }
 .problem { background: #fdf3d8; padding: .3em .8em; }
 img { max-width: 100%; height: auto; }

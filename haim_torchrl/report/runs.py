@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from haim_torchrl.evaluation.training_log import CsvTable
-from haim_torchrl.report.settings import Settings, read_settings
+from haim_torchrl.report.settings import Settings, evaluated_set, read_settings
 
 FORMAT, VERSION = "haim_torchrl runs", 1
 RESULT_FILE = "metrics.json"
@@ -143,7 +143,7 @@ def _load(path: Path) -> Any:
 
 
 def read_result(path: Path) -> list[FinishedRun]:
-    """The run behind a ``metrics.json``, or the drivers without policy of an evaluation.
+    """The run behind a ``metrics.json``, or the drivers without policy of a test.
 
     Args:
         path: The file; CSV files and settings are looked for beside it.
@@ -158,7 +158,7 @@ def read_result(path: Path) -> list[FinishedRun]:
             return [
                 FinishedRun(name, 0, {}, settings, episodes=_episodes(result["episodes"]))
                 for name, result in contents["drivers"].items()
-                if "policy" not in name
+                if "policy" not in name and evaluated_set(folder) == "test"
             ]
         validation, course = _read_course(folder)
         chosen = contents["checkpoint"].get("frames")

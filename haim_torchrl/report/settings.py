@@ -57,6 +57,13 @@ def read_settings(folder: Path) -> Settings:
     )
 
 
+def evaluated_set(folder: Path) -> str:
+    """The scenario set of an evaluation by its ``config.yaml``; ``test`` without such a file."""
+    path = folder / "config.yaml"
+    chosen = OmegaConf.select(OmegaConf.load(path), "eval.set") if path.exists() else None
+    return str(chosen or "test")
+
+
 def _world(env: Any) -> str | None:
     """A world's name from the module of its factory: ``platoon`` for the package's own."""
     if not isinstance(env, Mapping) or "_target_" not in env:

@@ -51,7 +51,11 @@ class ReportTable:
         """The table in HTML, with its title as a heading."""
 
         def row(tag: str, texts: Sequence[str]) -> str:
-            return "<tr>" + "".join(f"<{tag}>{html.escape(t)}</{tag}>" for t in texts) + "</tr>"
+            cells = (
+                f"<{tag}{' class=paper' if column == 'paper' else ''}>{_lines(text)}</{tag}>"
+                for column, text in zip(self.columns, texts)
+            )
+            return f"<tr>{''.join(cells)}</tr>"
 
         body = "\n".join(row("td", texts) for texts in self.rows)
         notes = "\n".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
@@ -70,3 +74,8 @@ class ReportTable:
             writer.writeheader()
             writer.writerows(self.numbers)
         return path
+
+
+def _lines(text: str) -> str:
+    """A cell in HTML, with an interval or a deviation on a line of its own."""
+    return html.escape(text).replace(" [", "<br>[").replace(" ± ", "<br>± ")

@@ -65,6 +65,8 @@ def test_an_evaluation_tells_how_the_mentor_drives(write_run: Writer, tmp_path: 
     path.write_text(json.dumps({"checkpoint": None, "drivers": drivers}))
     found = gather([tmp_path])
     assert list(found.methods) == ["mentor"] and not found.methods["mentor"].trained
+    (tmp_path / "config.yaml").write_text("eval: {set: validation}\n")  # chosen on, so no test
+    assert not gather([tmp_path]).methods
 
 
 def _broken(folder: Path) -> None:
