@@ -79,8 +79,10 @@ def series(run: FinishedRun, column: str, axis: str) -> tuple[Array, Array]:
             values = _array(run.course.get("violations", ()))
         else:
             mentor, frames = (_array(run.course.get(n, ())) for n in ("mentor_steps", "frames"))
-            rates = np.diff(mentor, prepend=0.0) / np.maximum(np.diff(frames, prepend=0.0), 1.0)
-            values = smooth(rates, max(len(rates) // 10, 1))
+            driven = np.diff(frames, prepend=0.0)
+            moved = driven > 0.0  # learning from a fixed data set does not drive on
+            rates = np.diff(mentor, prepend=0.0)[moved] / driven[moved]
+            steps, values = steps[moved], smooth(rates, max(len(rates) // 10, 1))
     else:
         steps = _array(run.validation.get(axis, ()))
         values = _array(run.validation.get(column, ()))

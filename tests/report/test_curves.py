@@ -25,6 +25,13 @@ def test_a_takeover_rate_is_what_the_mentor_drove_of_each_stretch() -> None:
     assert (steps.tolist(), violations.tolist()) == ([80.0, 120.0, 140.0], [0.0, 1.0, 1.0])
 
 
+def test_learning_from_a_data_set_is_a_point() -> None:
+    course = {"frames": [900, 900], "mentor_steps": [900, 900], "violations": [0, 0]}
+    run = FinishedRun("bc", 0, course=course)
+    steps, rates = series(run, "takeover_rate", "frames")
+    assert (steps.tolist(), rates.tolist()) == ([900.0], [1.0])
+
+
 def test_unknown_values_are_left_out() -> None:
     validation = {"frames": [1, 2, 3], "success": [0.5, None, 1.0]}
     steps, values = series(FinishedRun("haim", 0, validation=validation), "success", "frames")
