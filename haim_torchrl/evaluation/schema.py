@@ -202,9 +202,33 @@ class EvaluateConfig(BaseConfig):
     driver: Any = "policy"
 
 
+@dataclass
+class ReportConfig:
+    """Settings of ``recipes/report.py``.
+
+    Attributes:
+        runs: Run folders or folders of them, and published ``runs.json`` files; one or a list.
+        output: Folder that the report is written to.
+        reference: Method that the others are compared with.
+        level: Confidence level of the intervals.
+        resamples: Draws of the bootstrap.
+        side_by_side: Methods that drive one test scenario again and are drawn.
+        scenario: Its number; null for the first one of the test.
+    """
+
+    runs: Any = MISSING
+    output: str = "report"
+    reference: str = "haim"
+    level: float = 0.95
+    resamples: int = 2000
+    side_by_side: list[str] = field(default_factory=list)
+    scenario: int | None = None
+
+
 def register_schemas() -> None:
     """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
     store = ConfigStore.instance()
     store.store(name="run_schema", node=RunConfig)
     store.store(name="clone_schema", node=CloneRunConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
+    store.store(name="report_schema", node=ReportConfig)
