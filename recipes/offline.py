@@ -90,6 +90,7 @@ def train(config: DictConfig) -> Path:
         ) as progress,
     ):
         for batch in run.batches(interrupt):
+            loss.cloning = schedule.frames < settings.bc_updates  # CQL's policy; BC's always does
             try:
                 log.add_losses(update(batch))
             except NonFiniteLossError as error:

@@ -36,6 +36,8 @@ def check_offline(config: DictConfig) -> None:
     for key in ("updates", "batch_size", "log_every", "checkpoint_every", "validate_every"):
         if settings[key] < 1:
             raise ConfigError(f"offline.{key} must be at least 1; got {settings[key]}")
+    if settings.bc_updates < 0:
+        raise ConfigError(f"offline.bc_updates must be at least 0; got {settings.bc_updates}")
     if settings.lr <= 0.0:
         raise ConfigError(f"offline.lr must be positive; got {settings.lr}")
     if not 0.0 <= settings.policy_average < 1.0:

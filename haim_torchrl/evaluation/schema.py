@@ -190,6 +190,8 @@ class OfflineConfig:
 
     Attributes:
         updates: Gradient steps.
+        bc_updates: Of these, the first ones in which CQL's policy clones the data, before it
+            follows the critics.
         batch_size: Transitions in one.
         lr: Learning rate of Adam.
         policy_average: Share that the average of the policy keeps at each update; the average is
@@ -201,6 +203,7 @@ class OfflineConfig:
     """
 
     updates: int = 20_000
+    bc_updates: int = 2000
     batch_size: int = 256
     lr: float = 3e-4
     policy_average: float = 0.999

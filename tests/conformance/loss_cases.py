@@ -8,12 +8,13 @@ only what ours happen to do. A new combination of terms gets a case here, a new 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from tensordict import NestedKey
 from torchrl.objectives import LossModule, SACLoss, TD3Loss, ValueEstimators
 
-from haim_torchrl.objectives import HAIMLoss
+from haim_torchrl.objectives import ConservativeQLoss, HAIMLoss
 
 from .loss_case import Discounted, LossCase
 from .networks import Networks
@@ -197,7 +198,42 @@ TORCHRL = (
     ),
 )
 
-CASES = (*TERMS, *COMPOSITES, *TORCHRL)
+
+def make_conservative_q(networks: Networks) -> LossModule:
+    """Conservative Q-learning."""
+    return ConservativeQLoss(
+        networks.actor,
+        networks.single_critic,
+        num_random=2,
+        target_entropy=-2.0,  # "auto" looks for the action under its default name
+        loss_function="l2",
+        alpha_init=networks.alpha,
+        deactivate_vmap=networks.one_by_one,
+        reduction=networks.reduction,
+        scalar_output_mode="exclude" if networks.reduction == "none" else None,
+    )
+
+
+CONSERVATIVE_Q = replace(
+    TORCHRL[0],
+    name="CQL",
+    make=make_conservative_q,
+    losses=(*TORCHRL[0].losses, "loss_cql"),
+    keys={
+        **UPSTREAM_KEYS,
+        "value": "state_value",
+        "log_prob": "_log_prob",
+        "pred_q1": "pred_q1",
+        "pred_q2": "pred_q2",
+        "cql_q1_loss": "cql_q1_loss",
+        "cql_q2_loss": "cql_q2_loss",
+    },
+    trains={**TORCHRL[0].trains, "loss_cql": ("qvalue_network_params",)},
+    leaves_behind=frozenset(),
+    compiled=True,
+)
+
+CASES = (*TERMS, *COMPOSITES, *TORCHRL, CONSERVATIVE_Q)
 
 
 def cases(*, having: str) -> list[LossCase]:

@@ -14,6 +14,7 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
 from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 
@@ -28,7 +29,8 @@ from haim_torchrl.evaluation.config import (
     find_device,
     plain,
 )
-from haim_torchrl.evaluation.schema import EvalConfig, TrainConfig
+from haim_torchrl.evaluation.offline import check_offline
+from haim_torchrl.evaluation.schema import EvalConfig, OfflineConfig, TrainConfig
 from haim_torchrl.evaluation.terms import build_loss
 from haim_torchrl.modules import make_critic
 
@@ -65,12 +67,25 @@ def targets(node: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
             yield from targets(value, f"{path}[{index}]")
 
 
+RECIPES = ("haim", "offline")
+"""Recipes with bundles of settings; a bundle belongs to the first that it composes with."""
+
+
+def bundled(group: str, member: str) -> DictConfig:
+    for name in RECIPES:
+        try:
+            return load(f"{group}={member}", name=name)
+        except HydraException as error:
+            last = error
+    raise last
+
+
 def composed(path: Path) -> DictConfig:
     if path.parts[0] == "logger":  # their folder is known to a running job only
         return OmegaConf.load(CONF / path)  # type: ignore[return-value]
     if len(path.parts) > 2 and path.parts[0] == "mentor":  # groups that only people have
         return load("mentor=keyboard", f"{path.parent}={path.stem}")
-    return load(f"{path.parent}={path.stem}")
+    return bundled(str(path.parent), path.stem)
 
 
 @pytest.mark.parametrize("path", MEMBERS, ids=str)
@@ -95,9 +110,28 @@ def test_every_file_says_what_it_is(path: Path) -> None:
     assert comments, f"{path} does not begin with a comment"
 
 
-@pytest.mark.parametrize("name", ["haim", "clone", "evaluate"])
+@pytest.mark.parametrize("name", ["haim", "demonstrate", "offline", "evaluate"])
 def test_recipe_settings_pass_the_checks(name: str) -> None:
     check_config(load(name=name))
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "cql"])
+def test_an_offline_algorithm_names_its_runs(algorithm: str) -> None:
+    config = load(f"algorithm={algorithm}", name="offline")
+    assert config.name == algorithm
+    check_offline(config)
+    assert OmegaConf.to_container(config.offline) == dataclasses.asdict(OfflineConfig())
+
+
+def test_offline_paper_presets_are_the_papers_tables() -> None:
+    bc, cql = load("preset=bc_paper", name="offline"), load("preset=cql_paper", name="offline")
+    assert (bc.name, bc.offline.batch_size, bc.offline.updates) == ("bc", 32, 200_000)
+    assert cql.name == "cql" and (cql.loss.gamma, cql.loss.tau) == (0.99, 0.005)
+    assert (cql.objective.temperature, cql.objective.min_q_weight) == (5.0, 0.2)
+    assert cql.offline.bc_updates == 200_000
+    assert bc.offline.lr == cql.offline.lr == 1e-4
+    for config in (bc, cql):
+        check_offline(config)
 
 
 @pytest.mark.parametrize("preset", ["default", "paper", "smoke"])
