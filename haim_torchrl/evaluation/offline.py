@@ -25,6 +25,9 @@ from haim_torchrl.objectives.functional import shaped_reward
 EDGE = 0.99
 """Actions are cut off here: a squashed policy has no density at 1, which it reaches at infinity."""
 
+DISTANCES = ("l1", "l2", "smooth_l1")
+"""What TorchRL's losses call them."""
+
 
 def check_offline(config: DictConfig) -> None:
     """Refuse settings of ``recipes/offline.py`` that cannot work.
@@ -48,6 +51,12 @@ def check_offline(config: DictConfig) -> None:
         raise ConfigError(f"steps must be at least 1; got {config.steps}")
     if config.cost_weight < 0.0:
         raise ConfigError(f"cost_weight must be at least 0; got {config.cost_weight}")
+    distance = config.objective.get("loss_function")
+    if distance not in (None, *DISTANCES):
+        raise ConfigError(
+            f"objective.loss_function must be one of {', '.join(DISTANCES)}, or null for the "
+            f"objective's own; got {distance}"
+        )
     if config.demonstrations is not None and config.like is not None:
         raise ConfigError(
             "demonstrations and like are both given, and only one can say what is learned from; "
