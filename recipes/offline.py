@@ -96,7 +96,7 @@ def train(config: DictConfig) -> Path:
             except NonFiniteLossError as error:
                 raise RunFailed(f"{error} The last good checkpoint is {run.last()}.") from error
             average.update()
-            schedule.advance()
+            schedule.advance(1)
             progress.update(schedule.frames)
             if schedule.due("log"):
                 log.write_row()

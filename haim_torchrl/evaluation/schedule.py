@@ -14,6 +14,9 @@ class Schedule:
         total_frames: Steps of the whole run.
     """
 
+    #: The setting that says how long the run is.
+    key = "total_frames"
+
     def __init__(self, settings: Any, total_frames: int) -> None:
         self._settings, self.total_frames = settings, total_frames
         self.frames = 0
@@ -67,9 +70,3 @@ class UpdateSchedule(Schedule):
 
     def __init__(self, settings: Any) -> None:
         super().__init__(settings, settings.updates)
-
-    def advance(self, frames: int = 1) -> int:
-        """Count updates that were made."""
-        self._before = self.frames
-        self.frames += frames
-        return 0
