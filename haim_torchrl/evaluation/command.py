@@ -130,6 +130,8 @@ def job_label() -> str:
 def _remove_if_empty(folder: Path) -> None:
     """Take back the folder that Hydra made for a run that never began."""
     for path in (folder, folder.parent):
+        if path == Path.cwd():
+            return
         try:
             path.rmdir()
         except OSError:

@@ -249,6 +249,29 @@ class EvaluateConfig(BaseConfig):
     driver: Any = "policy"
 
 
+@dataclass
+class ReportConfig:
+    """Settings of ``recipes/report.py``.
+
+    Attributes:
+        runs: Run folders or folders of them, and published ``runs.json`` files; one or a list.
+        output: Folder that the report is written to.
+        reference: Method that the others are compared with.
+        level: Confidence level of the intervals.
+        resamples: Draws of the bootstrap.
+        side_by_side: Methods that drive one test scenario again and are drawn.
+        scenario: Its number; null for the first one of the test.
+    """
+
+    runs: Any = MISSING
+    output: str = "report"
+    reference: str = "haim"
+    level: float = 0.95
+    resamples: int = 2000
+    side_by_side: list[str] = field(default_factory=list)
+    scenario: int | None = None
+
+
 def register_schemas() -> None:
     """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
     store = ConfigStore.instance()
@@ -256,3 +279,4 @@ def register_schemas() -> None:
     store.store(name="demonstrate_schema", node=DemonstrateConfig)
     store.store(name="offline_schema", node=OfflineRunConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
+    store.store(name="report_schema", node=ReportConfig)

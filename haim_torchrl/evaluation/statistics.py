@@ -7,7 +7,7 @@ counts whole episodes.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from statistics import NormalDist
 
@@ -50,7 +50,12 @@ class Estimate:
         return cls(value, low, high, int(fields["count"] or 0))
 
 
-def _check_level(level: float) -> None:
+def check_level(level: float) -> None:
+    """Refuse a confidence level that is none, such as 95.
+
+    Raises:
+        ValueError: If it does not lie between 0 and 1.
+    """
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie strictly between 0 and 1, such as 0.95; got {level}")
 
@@ -74,7 +79,7 @@ def wilson_interval(successes: int, trials: int, level: float = 0.95) -> Estimat
         >>> round(estimate.low, 3), round(estimate.high, 3)
         (0.49, 0.943)
     """
-    _check_level(level)
+    check_level(level)
     if not 0 <= successes <= trials:
         raise ValueError(f"successes must lie in 0..trials; got {successes} of {trials}")
     if trials == 0:
@@ -111,7 +116,7 @@ def ratio_interval(
     Raises:
         ValueError: If the shapes differ or the level is impossible.
     """
-    _check_level(level)
+    check_level(level)
     top = np.asarray(numerators, dtype=np.float64)
     bottom = np.asarray(denominators, dtype=np.float64)
     if top.shape != bottom.shape or top.ndim != 1:
@@ -150,49 +155,13 @@ def mean_interval(
     return ratio_interval(array, np.ones_like(array), level, resamples, seed)
 
 
-def nested_interval(
-    runs: Sequence[Sequence[float]],
-    level: float = 0.95,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
-) -> Estimate:
-    """Mean over runs and their episodes, with a bootstrap over runs and over episodes within them.
-
-    Both the luck of a training and that of the test count. Few runs tell little about the former:
-    with three of them the interval is rather too narrow.
-
-    Args:
-        runs: One number an episode for each run, ``[r][n]``.
-        level: Confidence level.
-        resamples: Bootstrap resamples.
-        seed: Seed of the resampling.
-
-    Returns:
-        The mean of the runs' means; ``count`` is the number of runs.
-    """
-    _check_level(level)
-    arrays = [np.asarray(run, dtype=np.float64) for run in runs if len(run)]
-    if not arrays:
-        return Estimate(math.nan, math.nan, math.nan, 0)
-    generator = np.random.default_rng(seed)
-    drawn = np.zeros(resamples)
-    for _ in arrays:  # as many runs as there are, each drawn anew with episodes of its own
-        rows = [generator.integers(0, len(run), (resamples, len(run))) for run in arrays]
-        means = np.stack([run[row].mean(1) for run, row in zip(arrays, rows)])
-        chosen = generator.integers(0, len(arrays), resamples)
-        drawn += means[chosen, np.arange(resamples)] / len(arrays)
-    low, high = np.quantile(drawn, [0.5 - level / 2.0, 0.5 + level / 2.0])
-    value = float(np.mean([run.mean() for run in arrays]))
-    return Estimate(value, float(low), float(high), len(arrays))
-
-
-def range_interval(values: Sequence[float]) -> Estimate:
+def range_interval(values: Iterable[float]) -> Estimate:
     """Mean over independent training runs, with the lowest and the highest of them.
 
     Args:
         values: One number a run; NaN is left out.
     """
-    known = [value for value in values if not math.isnan(value)]
+    known = [float(value) for value in values if not math.isnan(value)]
     if not known:
         return Estimate(math.nan, math.nan, math.nan, 0)
     return Estimate(sum(known) / len(known), min(known), max(known), len(known))

@@ -12,7 +12,6 @@ from omegaconf import DictConfig
 
 from haim_torchrl.evaluation.command import ERROR_FILE, FAILED
 from haim_torchrl.evaluation.comparison import (
-    RESULT_FILE,
     comparison_table,
     draw_comparison,
     read_runs,
@@ -21,6 +20,7 @@ from haim_torchrl.evaluation.comparison import (
 from haim_torchrl.evaluation.resume import resumed_config
 from haim_torchrl.evaluation.schema import ResumableConfig
 from haim_torchrl.evaluation.tables import print_tables
+from haim_torchrl.report.runs import RESULT_FILE
 
 AUTO = "auto"
 """Value of ``resume`` for a run of a sweep: go on with whatever its folder holds."""
@@ -72,12 +72,13 @@ class Gather(Callback):
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Gather what there is."""
         folder = Path(config.hydra.sweep.dir)
-        runs = read_runs(folder)
-        if runs:
-            print_tables(comparison_table(runs))
-            write_comparison(runs, folder)
-            draw_comparison(runs, folder / "comparison.png")
-            print(f"{len(runs)} runs are compared in {folder}/comparison.md")
+        methods = read_runs(folder)
+        if methods:
+            print_tables(comparison_table(methods))
+            write_comparison(methods, folder)
+            draw_comparison(methods, folder / "comparison.png")
+            count = sum(method.seeds for method in methods.values())
+            print(f"{count} runs are compared in {folder}/comparison.md")
         failed = sorted(folder.rglob(ERROR_FILE))
         for path in failed:
             name = path.parent.relative_to(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 
 class Clock:
@@ -13,15 +14,24 @@ class Clock:
 
     Args:
         pace: steps per second.
+        now: tells the time, in s.
+        sleep: waits for a time, in s.
 
     Raises:
         ValueError: if the pace is not positive.
     """
 
-    def __init__(self, pace: float) -> None:
+    def __init__(
+        self,
+        pace: float,
+        *,
+        now: Callable[[], float] = time.perf_counter,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
         if not pace > 0.0:
             raise ValueError(f"pace is {pace}: it must be positive, in steps per second.")
         self.period = 1.0 / pace
+        self._now, self._sleep = now, sleep
         self._due: float | None = None
         self._last: float | None = None
 
@@ -31,12 +41,12 @@ class Clock:
         Returns:
             Seconds since the step before; None for the first one after :meth:`restart`.
         """
-        now = time.perf_counter()
+        now = self._now()
         if self._due is None:
             self._due = now
         if now < self._due:
-            time.sleep(self._due - now)
-            now = time.perf_counter()
+            self._sleep(self._due - now)
+            now = self._now()
         self._due = (self._due if now - self._due < 0.1 * self.period else now) + self.period
         step, self._last = None if self._last is None else now - self._last, now
         return step

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from haim_torchrl.evaluation.statistics import (
     Estimate,
     mean_interval,
-    nested_interval,
     range_interval,
     ratio_interval,
     wilson_interval,
@@ -92,21 +91,6 @@ def test_runs_report_the_lowest_and_the_highest() -> None:
     estimate = range_interval([1.0, 2.0, float("nan"), 6.0])
     assert (estimate.value, estimate.low, estimate.high, estimate.count) == (3.0, 1.0, 6.0, 3)
     assert math.isnan(range_interval([]).value)
-
-
-def test_runs_that_differ_widen_the_interval() -> None:
-    """Equal runs of 0s and 1s vary as 20 episodes do; all-or-nothing runs as two draws do."""
-    equal = nested_interval([[0.0, 1.0] * 5, [0.0, 1.0] * 5])
-    assert equal.value == 0.5 and equal.count == 2
-    half = 1.96 * 0.5 / math.sqrt(20)
-    assert equal.high - equal.low == pytest.approx(2 * half, abs=0.08)
-    apart = nested_interval([[0.0] * 10, [1.0] * 10])
-    assert (apart.value, apart.low, apart.high) == (0.5, 0.0, 1.0)
-
-
-def test_runs_weigh_the_same_whatever_their_episodes() -> None:
-    assert nested_interval([[1.0], [0.0] * 9]).value == 0.5
-    assert math.isnan(nested_interval([[]]).value)
 
 
 def test_estimate_survives_json() -> None:

@@ -77,7 +77,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
     """The smoke preset, run once from end to end."""
     where = tmp_path_factory.mktemp("smoke")
     process = start(where, "haim", "preset=smoke")
-    out, err = process.communicate(timeout=180)
+    out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err
     return Trained(next((where / "runs" / "smoke").iterdir()), out)
 

@@ -93,7 +93,7 @@ class FollowerManager(BaseManager):
         assert self.platoon is not None
         if self.engine.episode_step > 0:  # MetaDrive calls this once while it resets
             av = self.engine.agents["default_agent"]
-            x, y = av.position
+            x, y = centre(av)
             self.platoon.step(np.array([x, -y]), float(av.speed), self._others(x, y), TIME_STEP)
             self._place()
         return {}
@@ -104,8 +104,9 @@ class FollowerManager(BaseManager):
             self._vehicles, self.platoon.poses.tolist(), self.platoon.speeds.tolist(), strict=True
         )
         for vehicle, (x, y, heading), speed in poses:
-            vehicle.set_position((x, -y))
-            vehicle.set_heading_theta(-heading)
+            # In one call, and in the engine's words: degrees, zero to the left.
+            origin, degrees = vehicle.origin, -90.0 - math.degrees(heading)
+            origin.setPosHpr(x, -y, origin.getZ(), degrees, 0.0, 0.0)
             velocity = LVector3(speed * math.cos(heading), -speed * math.sin(heading), 0.0)
             vehicle.body.setLinearVelocity(velocity)
 
@@ -113,10 +114,19 @@ class FollowerManager(BaseManager):
         """Bodies of the traffic near the AV, [M, 10]."""
         rows = []
         for vehicle in self.engine.traffic_manager._traffic_vehicles:
-            px, py = vehicle.position
+            px, py = centre(vehicle)
             if abs(px - x) < RANGE and abs(py - y) < RANGE:
                 rows.append(body(vehicle))
         return np.array(rows).reshape(-1, COLUMNS)
+
+
+def centre(thing: Any) -> tuple[float, float]:
+    """Centre of a vehicle or obstacle of MetaDrive, in its frame [m].
+
+    As its ``position``, which takes ten times as long because it builds a vector.
+    """
+    place = thing.origin.getPos()
+    return place[0], place[1]
 
 
 def body(
@@ -130,7 +140,7 @@ def body(
         path: index of the path that it drives; -1: none.
         stands: that it cannot move; MetaDrive reports speeds of 12 m/s for some barriers.
     """
-    x, y = thing.position
+    x, y = centre(thing)
     half_length, half_width = thing.LENGTH / 2, thing.WIDTH / 2
     speed = 0.0 if stands else float(thing.speed)
     return x, -y, -thing.heading_theta, speed, acceleration, half_length, half_width, path, 0.0, 0.0

@@ -11,7 +11,7 @@ from haim_torchrl.envs import geometry
 from haim_torchrl.envs.carriageway import CarModel, Carriageway
 from haim_torchrl.envs.geometry import PATH, SPEED, X, Y
 from haim_torchrl.envs.lanes import PathLane
-from haim_torchrl.envs.metadrive.followers import FollowerManager, body
+from haim_torchrl.envs.metadrive.followers import FollowerManager, body, centre
 from haim_torchrl.envs.metadrive.route import carriageway, way_of
 from haim_torchrl.envs.path import Array
 from haim_torchrl.envs.planning import PREDICTION_STEP
@@ -79,7 +79,7 @@ class MetaDriveRoad:
     def refresh(self) -> None:
         """Look at the AV anew, and forget what was gathered of the others."""
         agent = self._env.agent
-        x, y = agent.position
+        x, y = centre(agent)
         self.av.position = np.array([x, -y])
         self.av.heading, self.av.speed = -float(agent.heading_theta), float(agent.speed)
         self._bodies = self._along = self._predicted = None
@@ -153,11 +153,11 @@ class MetaDriveRoad:
         ):
             rows.append((*pose, speed, acceleration, half_length, half_width, -1, 0.0, 0.0))
         x, y = av.position[0], -av.position[1]
-        own = self._engine.follower_manager.spawned_objects
+        own, agent = self._engine.follower_manager.spawned_objects, self._env.agent
         for name, thing in self._engine.get_objects().items():
-            if name in own or not hasattr(thing, "heading_theta") or thing is self._env.agent:
+            if name in own or thing is agent:
                 continue
-            px, py = thing.position
+            px, py = centre(thing)
             if abs(px - x) < REACH and abs(py - y) < REACH:
                 path = self._path(name, thing)
                 rows.append(body(thing, self._acceleration(name, thing), path, stands=path < 0))

@@ -130,7 +130,7 @@ class MetaDriveSimulator(gym.Env):
         observation, reward, terminated, truncated, info = self._env.step(command)
         self.road.refresh()
         self.steps += 1
-        self.distance += float(np.hypot(*(av.position - position)))
+        self.distance += math.dist(av.position, position)
         touching = self._judge(info)
         # A crash stops the car, but says nothing about how it was braked.
         self.acceleration = 0.0 if touching else (av.speed - speed) / TIME_STEP
@@ -170,7 +170,7 @@ class MetaDriveSimulator(gym.Env):
         self._events = {
             "crash": hits > 0,
             "out_of_road": bool(info["out_of_road"]),
-            "wrong_way": bool(np.cos(self.road.av.heading - route) < 0.0),
+            "wrong_way": math.cos(self.road.av.heading - route) < 0.0,
             "success": bool(info["arrive_dest"]),
         }
         return any(contacts.values())
@@ -197,7 +197,7 @@ class MetaDriveSimulator(gym.Env):
             "acceleration": self.acceleration,
             "follower_gaps": road.platoon.gaps.astype(np.float32),
             "follower_speeds": road.platoon.speeds.astype(np.float32),
-            "progress": float(np.clip((road.av_on_route[0] - self._start) / span, 0.0, 1.0)),
+            "progress": min(max((road.av_on_route[0] - self._start) / span, 0.0), 1.0),
             "cost": self._cost,
             **self._events,
         }

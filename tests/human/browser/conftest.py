@@ -75,7 +75,7 @@ def visit(browser: Any) -> Iterator[Callable[..., Any]]:
     def open_page(address: str, script: str = "", **options: Any) -> Any:
         context = browser.new_context(**{"viewport": {"width": 900, "height": 600}, **options})
         contexts.append(context)
-        context.set_default_timeout(10_000)
+        context.set_default_timeout(30_000)
         context.add_init_script(OBSERVER + script)
         page = context.new_page()
         page.on("pageerror", lambda error: said.append(str(error)))

@@ -60,7 +60,7 @@ def client(console: BrowserConsole, query: str = "", **options: Any) -> Iterator
 def receive(connection: ClientConnection, kind: str) -> dict[str, Any]:
     """The next message of a kind; frames and pings before it are answered."""
     while True:
-        message = json.loads(connection.recv(timeout=5.0))
+        message = json.loads(connection.recv(timeout=30.0))
         if message["type"] == kind:
             return message
         if message["type"] == "ping":
@@ -72,7 +72,7 @@ def send_input(connection: ClientConnection, **entries: Any) -> None:
     connection.send(json.dumps({"type": "input", "t": 1.0, **whole, **entries}))
 
 
-def wait(condition: Callable[[], bool], seconds: float = 5.0) -> None:
+def wait(condition: Callable[[], bool], seconds: float = 30.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "it did not happen in time"
@@ -83,14 +83,14 @@ def closing(connection: ClientConnection) -> tuple[int, str]:
     """Code and reason with which the server closes."""
     with pytest.raises(ConnectionClosed):
         while True:
-            connection.recv(timeout=5.0)
+            connection.recv(timeout=30.0)
     return connection.close_code or 0, connection.close_reason or ""
 
 
 def fetch(console: BrowserConsole, path: str = "", **headers: str) -> tuple[int, str, dict]:
     base, _, _ = console.address.partition("?")
     try:
-        with urlopen(Request(base + path, headers=headers), timeout=5.0) as answer:
+        with urlopen(Request(base + path, headers=headers), timeout=30.0) as answer:
             return answer.status, answer.read().decode(), dict(answer.headers)
     except HTTPError as error:
         return error.code, error.read().decode(), dict(error.headers)
