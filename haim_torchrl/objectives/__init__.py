@@ -9,6 +9,7 @@ from haim_torchrl.objectives.cost import (
     ImplicitInterventionLoss,
 )
 from haim_torchrl.objectives.forward_pass import ForwardPass
+from haim_torchrl.objectives.lagrange import LagrangeMultiplier
 from haim_torchrl.objectives.optimization import (
     NonFiniteLossError,
     UpdateStep,
@@ -38,6 +39,7 @@ __all__ = [
     "ForwardPass",
     "HAIMLoss",
     "ImplicitInterventionLoss",
+    "LagrangeMultiplier",
     "LinearPreferenceLoss",
     "LossTerm",
     "NonFiniteLossError",
