@@ -15,8 +15,8 @@ class LagrangeMultiplier(nn.Module):
     After episodes of mean cost :math:`J`, which exceeds the limit :math:`d` by
     :math:`\Delta = J - d`:
 
-    .. math:: \lambda \leftarrow [P \Delta + I + D\,(J - J_{before})_+]_+, \quad
-              I \leftarrow [I + K_I \Delta]_+
+    .. math:: I \leftarrow [I + K_I \Delta]_+, \quad
+              \lambda \leftarrow [P \Delta + I + D\,(J - J_{before})_+]_+
 
     That is the controlled multiplier of Stooke, Achiam and Abbeel, "Responsive safety in
     reinforcement learning by PID Lagrangian methods" (ICML 2020), algorithm 2. Without gains it is
@@ -32,6 +32,8 @@ class LagrangeMultiplier(nn.Module):
         initial: λ at the start, ≥ 0.
         lr: step of the plain multiplier, [λ per unit of cost], > 0; not used with gains.
         gains: (P, K_I, D), each ≥ 0 and one of them > 0; None for the plain multiplier.
+        smoothing: J is an average in which the earlier ones keep this share at each update, in
+            [0, 1). A collision is rare and counts one: P and D, which act on J itself, need it.
 
     Raises:
         ValueError: if a number is out of range or not finite.
@@ -56,6 +58,7 @@ class LagrangeMultiplier(nn.Module):
         initial: float = 0.0,
         lr: float = 0.05,
         gains: Sequence[float] | None = None,
+        smoothing: float = 0.0,
     ) -> None:
         super().__init__()
         for name, number in (("limit", limit), ("initial", initial)):
@@ -70,11 +73,14 @@ class LagrangeMultiplier(nn.Module):
                 "gains must be three numbers (P, I, D) of at least 0, not all of them 0, or None; "
                 f"got {tuple(gains)}."
             )
+        if not 0.0 <= smoothing < 1.0:
+            raise ValueError(f"smoothing must lie in [0, 1), got {smoothing}.")
+        self.smoothing = float(smoothing)
         self.gains = (0.0, float(lr), 0.0) if gains is None else tuple(map(float, gains))
         self.register_buffer("limit", torch.tensor(float(limit)))
         self.register_buffer("value", torch.tensor(float(initial)))
         self.register_buffer("integral", torch.tensor(float(initial)))
-        self.register_buffer("previous_cost", torch.tensor(math.nan))
+        self.register_buffer("previous_cost", torch.tensor(math.inf))  # from there all is a fall
 
     @torch.no_grad()
     def update(self, mean_episode_cost: Tensor | float) -> Tensor:
@@ -93,9 +99,11 @@ class LagrangeMultiplier(nn.Module):
         if cost.numel() != 1 or not torch.isfinite(cost).all():
             raise ValueError(f"mean_episode_cost must be a finite number, got {mean_episode_cost}.")
         cost = cost.detach().reshape(())
+        if torch.isfinite(self.previous_cost):
+            cost = torch.lerp(cost, self.previous_cost, self.smoothing)
         proportional, integral, derivative = self.gains
         excess = cost - self.limit
-        rise = (cost - self.previous_cost).clamp_min(0.0).nan_to_num(0.0)
+        rise = (cost - self.previous_cost).clamp_min(0.0)
         self.integral.add_(integral * excess).clamp_min_(0.0)
         self.value.copy_(proportional * excess + self.integral + derivative * rise)
         self.value.clamp_min_(0.0)

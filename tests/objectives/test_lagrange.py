@@ -35,6 +35,13 @@ def test_pid_by_hand() -> None:
     assert multiplier.integral.item() == pytest.approx(1.5)
 
 
+def test_smoothed_costs_by_hand() -> None:
+    # The average is 4, then 0.75 * 4 + 0.25 * 0 = 3, then 0.75 * 3 + 0.25 * 0 = 2.25.
+    multiplier = LagrangeMultiplier(1.0, gains=(1.0, 0.0, 0.0), smoothing=0.75)
+    found = [multiplier.update(cost).item() for cost in (4.0, 0.0, 0.0)]
+    assert found == pytest.approx([3.0, 2.0, 1.25])
+
+
 @given(COSTS, GAINS, st.floats(0.0, 10.0, width=32), st.floats(0.0, 10.0, width=32))
 def test_never_negative(
     costs: list[float], gains: tuple[float, float, float] | None, limit: float, initial: float
@@ -56,7 +63,9 @@ def test_plain_rises_above_the_limit_and_falls_below(costs: list[float], limit: 
             assert after != before or (before == 0.0 and cost < limit)
 
 
-@given(st.floats(0.125, 10.0, width=32), GAINS.filter(lambda gains: gains is None or gains[1] > 0.01))
+@given(
+    st.floats(0.125, 10.0, width=32), GAINS.filter(lambda gains: gains is None or gains[1] > 0.01)
+)
 def test_a_lasting_excess_raises_it_every_time(
     excess: float, gains: tuple[float, float, float] | None
 ) -> None:
@@ -90,6 +99,7 @@ def test_it_has_no_gradient() -> None:
         ({"gains": (1.0, 2.0)}, r"gains must be three numbers"),
         ({"gains": (1.0, -2.0, 0.0)}, r"got \(1.0, -2.0, 0.0\)"),
         ({"gains": (0.0, 0.0, 0.0)}, "not all of them 0"),
+        ({"smoothing": 1.0}, r"smoothing must lie in \[0, 1\)"),
     ],
 )
 def test_bad_settings_are_refused(arguments: dict[str, object], words: str) -> None:
