@@ -23,6 +23,7 @@ from haim_torchrl.objectives.preference import (
     PreferenceTerm,
 )
 from haim_torchrl.objectives.proxy import ProxyQLoss
+from haim_torchrl.objectives.sac_lagrangian import SACLagrangianLoss
 from haim_torchrl.objectives.target import TargetUpdater
 from haim_torchrl.objectives.temperature import TemperatureLoss
 from haim_torchrl.objectives.temporal_difference import TemporalDifferenceTerm
@@ -46,6 +47,7 @@ __all__ = [
     "PolicyTerm",
     "PreferenceTerm",
     "ProxyQLoss",
+    "SACLagrangianLoss",
     "TargetUpdater",
     "TemperatureLoss",
     "TemporalDifferenceTerm",

@@ -6,9 +6,15 @@ import math
 
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey
+from torchrl.data import Composite
 from torchrl.envs import Transform
 
 from haim_torchrl.objectives import functional
+
+_NO_STEP = (
+    "ShapedReward needs finished steps, with an entry 'next': make it the postproc of a collector "
+    "or a transform of a replay buffer, not of an environment."
+)
 
 
 class ShapedReward(Transform):
@@ -63,8 +69,14 @@ class ShapedReward(Transform):
         """
         return self._inv_call(tensordict)
 
+    def transform_input_spec(self, input_spec: Composite) -> Composite:
+        """Refuses an environment, whose steps are not finished when they pass here."""
+        raise RuntimeError(_NO_STEP)
+
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        following = tensordict.get("next")
+        following = tensordict.get("next", None)
+        if following is None:
+            raise KeyError(_NO_STEP)
         for key in (self.reward, self.cost):
             if following.get(key, None) is None:
                 raise KeyError(
