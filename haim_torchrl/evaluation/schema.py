@@ -157,6 +157,14 @@ class RunConfig(LearningConfig):
 
 
 @dataclass
+class OffPolicyConfig(RunConfig):
+    """Settings of ``recipes/off_policy.py``, the same as those of ``recipes/haim.py``.
+
+    Nobody takes over here: ``train.no_takeover_after`` and ``record`` have no meaning.
+    """
+
+
+@dataclass
 class CloneConfig:
     """How the mentor is cloned.
 
@@ -206,5 +214,6 @@ def register_schemas() -> None:
     """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
     store = ConfigStore.instance()
     store.store(name="run_schema", node=RunConfig)
+    store.store(name="off_policy_schema", node=OffPolicyConfig)
     store.store(name="clone_schema", node=CloneRunConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
