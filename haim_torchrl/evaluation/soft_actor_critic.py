@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -20,7 +21,7 @@ SHAPED = "shaped_reward"
 
 
 def check_off_policy(config: DictConfig) -> None:
-    """Refuse settings that have no meaning without a mentor.
+    """Refuse settings that soft actor-critic cannot learn with, or that need a mentor.
 
     Args:
         config: Settings of ``recipes/off_policy.py``.
@@ -33,6 +34,14 @@ def check_off_policy(config: DictConfig) -> None:
             "loss has no objective of soft actor-critic; choose algorithm=sac_rs or "
             "algorithm=sac_lag, or use recipes/haim.py for what learns from takeovers"
         )
+    if not 0.0 <= config.loss.cost_weight < math.inf:
+        raise ConfigError(
+            f"loss.cost_weight must be a number of at least 0; got {config.loss.cost_weight}"
+        )
+    if not 0.0 <= config.loss.gamma <= 1.0:
+        raise ConfigError(f"loss.gamma must lie in [0, 1]; got {config.loss.gamma}")
+    if not 0.0 < config.loss.tau <= 1.0:
+        raise ConfigError(f"loss.tau must lie in (0, 1]; got {config.loss.tau}")
     if drives_live(config):
         raise ConfigError(
             "collector=live drives in real time for a person, and here nobody takes over; use "
@@ -75,8 +84,6 @@ def build_sac(
     try:
         loss: SACLoss = make_loss(actor_network=actor, **networks)
         loss.set_keys(reward=SHAPED)
-        if not 0.0 <= settings.gamma <= 1.0:
-            raise ValueError(f"gamma must lie in [0, 1], got {settings.gamma}.")
         loss.make_value_estimator(gamma=settings.gamma)
     except (TypeError, ValueError, RuntimeError, NotImplementedError) as error:
         raise ConfigError(f"loss.objective cannot be built: {error}") from error

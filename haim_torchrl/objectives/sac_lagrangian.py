@@ -66,6 +66,7 @@ class SACLagrangianLoss(SACLoss):
     default_keys = _AcceptedKeys
     SUPPORTED_VALUE_ESTIMATORS = (ValueEstimators.TD0,)
 
+    _out_keys: list[NestedKey] | None
     cost_network: TensorDictModule
     cost_network_params: TensorDictParams
     target_cost_network_params: TensorDictParams
