@@ -166,6 +166,14 @@ class RunConfig(LearningConfig):
 
 
 @dataclass
+class OffPolicyConfig(RunConfig):
+    """Settings of ``recipes/off_policy.py``, the same as those of ``recipes/haim.py``.
+
+    Nobody takes over here: ``train.no_takeover_after`` and ``record`` have no meaning.
+    """
+
+
+@dataclass
 class DemonstrateConfig(BaseConfig):
     """Settings of ``recipes/demonstrate.py``.
 
@@ -278,5 +286,6 @@ def register_schemas() -> None:
     store.store(name="run_schema", node=RunConfig)
     store.store(name="demonstrate_schema", node=DemonstrateConfig)
     store.store(name="offline_schema", node=OfflineRunConfig)
+    store.store(name="off_policy_schema", node=OffPolicyConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
     store.store(name="report_schema", node=ReportConfig)

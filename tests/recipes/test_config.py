@@ -14,7 +14,6 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
-from hydra.errors import HydraException
 from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 
@@ -67,17 +66,26 @@ def targets(node: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
             yield from targets(value, f"{path}[{index}]")
 
 
-RECIPES = ("haim", "offline")
-"""Recipes with bundles of settings; a bundle belongs to the first that it composes with."""
+OTHERS = {
+    "off_policy": {
+        "algorithm": ("sac_rs", "sac_lag"),
+        "loss": ("sac_rs", "sac_lag"),
+        "preset": ("off_policy", "off_policy_smoke", "sac_paper", "sac_lag_paper"),
+    },
+    "offline": {
+        "algorithm": ("bc", "cql"),
+        "preset": ("offline_default", "offline_smoke", "bc_paper", "cql_paper"),
+    },
+}
+"""Members of groups that belong to another recipe than the main one."""
 
 
-def bundled(group: str, member: str) -> DictConfig:
-    for name in RECIPES:
-        try:
-            return load(f"{group}={member}", name=name)
-        except HydraException as error:
-            last = error
-    raise last
+def recipe_of(path: Path) -> str:
+    """The recipe that a member of a group is meant for."""
+    for recipe, groups in OTHERS.items():
+        if path.stem in groups.get(str(path.parent), ()):
+            return recipe
+    return "haim"
 
 
 def composed(path: Path) -> DictConfig:
@@ -85,7 +93,11 @@ def composed(path: Path) -> DictConfig:
         return OmegaConf.load(CONF / path)  # type: ignore[return-value]
     if len(path.parts) > 2 and path.parts[0] == "mentor":  # groups that only people have
         return load("mentor=keyboard", f"{path.parent}={path.stem}")
-    return bundled(str(path.parent), path.stem)
+    if path.parent == Path("loss/multiplier"):
+        member = f"loss/multiplier@loss.objective.multiplier={path.stem}"
+        return load("algorithm=sac_lag", member, name="off_policy")
+    lag = ["algorithm=sac_lag"] if path.stem == "sac_lag_paper" else []
+    return load(*lag, f"{path.parent}={path.stem}", name=recipe_of(path))
 
 
 @pytest.mark.parametrize("path", MEMBERS, ids=str)
@@ -110,7 +122,7 @@ def test_every_file_says_what_it_is(path: Path) -> None:
     assert comments, f"{path} does not begin with a comment"
 
 
-@pytest.mark.parametrize("name", ["haim", "demonstrate", "offline", "evaluate"])
+@pytest.mark.parametrize("name", ["haim", "demonstrate", "offline", "evaluate", "off_policy"])
 def test_recipe_settings_pass_the_checks(name: str) -> None:
     check_config(load(name=name))
 
@@ -199,6 +211,18 @@ def test_paper_preset_is_the_papers_table() -> None:
         "desired_speed": 15.0,
         "exponent": 4.0,
     }
+
+
+def test_sac_presets_are_the_papers_table() -> None:
+    config = load("algorithm=sac_lag", "preset=sac_lag_paper", name="off_policy")
+    check_config(config)
+    assert config.loss.gamma == 0.99 and config.loss.tau == 0.005
+    assert config.optimizer.lr == 1e-4 and config.env.horizon == 1500
+    assert config.train.learning_starts == 10_000 and config.total_frames == 1_000_000
+    assert config.loss.objective.multiplier.limit == 1.0
+    plain = load("preset=sac_paper", name="off_policy")
+    assert plain.loss.objective._target_ == "torchrl.objectives.SACLoss"
+    assert (plain.name, config.name) == ("sac_rs", "sac_lag")
 
 
 def test_a_group_on_the_command_line_beats_the_preset() -> None:
