@@ -90,12 +90,13 @@ def train(config: DictConfig) -> Path:
         ) as progress,
     ):
         for batch in run.batches(interrupt):
+            loss.cloning = schedule.frames < settings.bc_updates  # CQL's policy; BC's always does
             try:
                 log.add_losses(update(batch))
             except NonFiniteLossError as error:
                 raise RunFailed(f"{error} The last good checkpoint is {run.last()}.") from error
             average.update()
-            schedule.advance()
+            schedule.advance(1)
             progress.update(schedule.frames)
             if schedule.due("log"):
                 log.write_row()

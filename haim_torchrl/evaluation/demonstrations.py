@@ -144,8 +144,8 @@ def _check_world(dataset: str, card: dict[str, Any], config: DictConfig) -> None
         shared = set(scenario_set(config.eval[name]).seeds()) & set(card["scenarios"])
         if shared:
             raise ConfigError(
-                f"dataset {dataset} holds {len(shared)} scenarios of eval.{name}, such as "
-                f"{min(shared)}; change eval.{name}.start, or choose another dataset"
+                f"dataset {dataset} holds scenarios of eval.{name}, such as {min(shared)}; change "
+                f"eval.{name}.start, or choose another dataset"
             )
 
 

@@ -25,6 +25,9 @@ from haim_torchrl.objectives.functional import shaped_reward
 EDGE = 0.99
 """Actions are cut off here: a squashed policy has no density at 1, which it reaches at infinity."""
 
+DISTANCES = ("l1", "l2", "smooth_l1")
+"""What TorchRL's losses call them."""
+
 
 def check_offline(config: DictConfig) -> None:
     """Refuse settings of ``recipes/offline.py`` that cannot work.
@@ -36,6 +39,8 @@ def check_offline(config: DictConfig) -> None:
     for key in ("updates", "batch_size", "log_every", "checkpoint_every", "validate_every"):
         if settings[key] < 1:
             raise ConfigError(f"offline.{key} must be at least 1; got {settings[key]}")
+    if settings.bc_updates < 0:
+        raise ConfigError(f"offline.bc_updates must be at least 0; got {settings.bc_updates}")
     if settings.lr <= 0.0:
         raise ConfigError(f"offline.lr must be positive; got {settings.lr}")
     if not 0.0 <= settings.policy_average < 1.0:
@@ -46,6 +51,12 @@ def check_offline(config: DictConfig) -> None:
         raise ConfigError(f"steps must be at least 1; got {config.steps}")
     if config.cost_weight < 0.0:
         raise ConfigError(f"cost_weight must be at least 0; got {config.cost_weight}")
+    distance = config.objective.get("loss_function")
+    if distance not in (None, *DISTANCES):
+        raise ConfigError(
+            f"objective.loss_function must be one of {', '.join(DISTANCES)}, or null for the "
+            f"objective's own; got {distance}"
+        )
     if config.demonstrations is not None and config.like is not None:
         raise ConfigError(
             "demonstrations and like are both given, and only one can say what is learned from; "

@@ -70,9 +70,3 @@ class UpdateSchedule(Schedule):
 
     def __init__(self, settings: Any) -> None:
         super().__init__(settings, settings.updates)
-
-    def advance(self, frames: int = 1) -> int:
-        """Count updates that were made."""
-        self._before = self.frames
-        self.frames += frames
-        return 0

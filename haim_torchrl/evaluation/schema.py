@@ -166,6 +166,14 @@ class RunConfig(LearningConfig):
 
 
 @dataclass
+class OffPolicyConfig(RunConfig):
+    """Settings of ``recipes/off_policy.py``, the same as those of ``recipes/haim.py``.
+
+    Nobody takes over here: ``train.no_takeover_after`` and ``record`` have no meaning.
+    """
+
+
+@dataclass
 class DemonstrateConfig(BaseConfig):
     """Settings of ``recipes/demonstrate.py``.
 
@@ -190,6 +198,8 @@ class OfflineConfig:
 
     Attributes:
         updates: Gradient steps.
+        bc_updates: Of these, the first ones in which CQL's policy clones the data, before it
+            follows the critics.
         batch_size: Transitions in one.
         lr: Learning rate of Adam.
         policy_average: Share that the average of the policy keeps at each update; the average is
@@ -201,6 +211,7 @@ class OfflineConfig:
     """
 
     updates: int = 20_000
+    bc_updates: int = 2000
     batch_size: int = 256
     lr: float = 3e-4
     policy_average: float = 0.999
@@ -316,5 +327,6 @@ def register_schemas() -> None:
     store.store(name="dagger_schema", node=DaggerRunConfig)
     store.store(name="demonstrate_schema", node=DemonstrateConfig)
     store.store(name="offline_schema", node=OfflineRunConfig)
+    store.store(name="off_policy_schema", node=OffPolicyConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
     store.store(name="report_schema", node=ReportConfig)

@@ -11,6 +11,7 @@ from haim_torchrl.objectives.cost import (
 )
 from haim_torchrl.objectives.ensemble_cloning import EnsembleCloningLoss
 from haim_torchrl.objectives.forward_pass import ForwardPass
+from haim_torchrl.objectives.lagrange import LagrangeMultiplier
 from haim_torchrl.objectives.optimization import (
     NonFiniteLossError,
     UpdateStep,
@@ -24,6 +25,7 @@ from haim_torchrl.objectives.preference import (
     PreferenceTerm,
 )
 from haim_torchrl.objectives.proxy import ProxyQLoss
+from haim_torchrl.objectives.sac_lagrangian import SACLagrangianLoss
 from haim_torchrl.objectives.target import TargetUpdater
 from haim_torchrl.objectives.temperature import TemperatureLoss
 from haim_torchrl.objectives.temporal_difference import TemporalDifferenceTerm
@@ -42,12 +44,14 @@ __all__ = [
     "ForwardPass",
     "HAIMLoss",
     "ImplicitInterventionLoss",
+    "LagrangeMultiplier",
     "LinearPreferenceLoss",
     "LossTerm",
     "NonFiniteLossError",
     "PolicyTerm",
     "PreferenceTerm",
     "ProxyQLoss",
+    "SACLagrangianLoss",
     "TargetUpdater",
     "TemperatureLoss",
     "TemporalDifferenceTerm",

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, dispatch
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -25,15 +26,15 @@ class ConservativeQLoss(CQLLoss):
     - The penalty compares an action of the data with *all* actions drawn at its state. TorchRL
       takes the log-sum-exp over three of them at a time, a looser bound that more draws do not
       improve, and compares each with every action of the batch.
-    - For the first updates the policy clones the data, as the authors' code does, and follows the
-      critics only then. One of ``loss_actor_bc`` and ``loss_actor`` is written accordingly.
+    - ``loss_actor`` is TorchRL's ``loss_actor_bc`` while :attr:`cloning` is set: in the authors'
+      code the policy clones the data for some updates before it follows the critics.
 
-    All losses can be summed and stepped by one optimiser: none reaches another one's parameters.
+    Weights of prioritised replay are honoured, too. All losses can be summed and stepped by one
+    optimiser: none reaches another one's parameters.
 
     Args:
         actor_network: policy with actions in [-1, 1].
         qvalue_network: reads observation and action, writes ``[..., 1]``; two are made of it.
-        bc_updates: calls in which the policy clones before it follows the critics.
         num_random: actions drawn for each state, of each of three kinds: uniform, of the policy,
             of the policy at the next state. The cost of an update grows with it.
         min_q_weight: weight of the penalty.
@@ -41,30 +42,43 @@ class ConservativeQLoss(CQLLoss):
         deactivate_vmap: evaluate the two critics one after the other, at half the time of a vmap.
         **options: of ``CQLLoss``: ``alpha_init``, ``target_entropy``, ``loss_function``, ...
 
+    Attributes:
+        cloning: whether the policy clones the data for now.
+
     Raises:
-        ValueError: if ``bc_updates`` is negative or ``num_random`` not positive.
+        ValueError: if ``num_random`` is not positive.
 
     Examples:
         >>> from haim_torchrl.modules import make_actor, make_critic
         >>> loss = ConservativeQLoss(make_actor(3, 2), make_critic(3, 2, ensemble_size=1))
         >>> [key for key in loss.out_keys if key.startswith("loss_")]
-        ['loss_actor', 'loss_actor_bc', 'loss_qvalue', 'loss_cql', 'loss_alpha']
+        ['loss_actor', 'loss_qvalue', 'loss_cql', 'loss_alpha']
     """
+
+    @dataclass
+    class _AcceptedKeys(CQLLoss._AcceptedKeys):
+        """Names of entries, beside those of ``CQLLoss``.
+
+        Attributes:
+            priority_weight: weights of prioritised replay, ``[...]``; optional.
+        """
+
+        priority_weight: NestedKey = "priority_weight"
+
+    tensor_keys: _AcceptedKeys
+    default_keys = _AcceptedKeys
 
     def __init__(
         self,
         actor_network: ProbabilisticActor,
         qvalue_network: TensorDictModule,
         *,
-        bc_updates: int = 0,
         num_random: int = 4,
         min_q_weight: float = 1.0,
         temperature: float = 1.0,
         deactivate_vmap: bool = True,
         **options: Any,
     ) -> None:
-        if bc_updates < 0:
-            raise ValueError(f"bc_updates must be at least 0, got {bc_updates}.")
         if num_random < 1:
             raise ValueError(f"num_random must be at least 1, got {num_random}.")
         super().__init__(
@@ -76,31 +90,37 @@ class ConservativeQLoss(CQLLoss):
             deactivate_vmap=deactivate_vmap,
             **options,
         )
-        self.bc_updates = bc_updates
-        self.register_buffer("calls", torch.zeros((), dtype=torch.int64))
+        self.out_keys = ["loss_actor", "loss_qvalue", "loss_cql", "loss_alpha"]
+        if self.reduction != "none":
+            self.out_keys += ["alpha", "entropy"]
+        self.cloning = False
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Losses of a batch.
 
         Args:
-            tensordict: transitions ``[B]`` with ``reward``; not written to.
+            tensordict: transitions ``[B]`` with a reward. Priorities are added to it.
 
         Returns:
-            ``loss_qvalue``, ``loss_cql``, ``loss_alpha``, one of ``loss_actor_bc`` (while cloning)
-            and ``loss_actor``, ``alpha`` and ``entropy``.
+            ``loss_actor``, ``loss_qvalue``, ``loss_cql`` and ``loss_alpha``, and, unless nothing is
+            reduced, ``alpha`` and ``entropy``.
         """
         data = tensordict.copy()
-        losses: dict[str, Tensor] = {}
-        losses["loss_qvalue"], _ = self.q_loss(data)
-        losses["loss_cql"], _ = self.cql_loss(data)
+        loss_qvalue, about = self.q_loss(data)
+        priority = about["td_error"].max(0).values
+        loss_cql, _ = self.cql_loss(data)
         loss_actor, about = self.actor_loss(data)
-        if int(self.calls) < self.bc_updates:
-            losses["loss_actor_bc"], _ = self.actor_bc_loss(data)
-        else:
-            losses["loss_actor"] = loss_actor
-        losses["loss_alpha"], _ = self.alpha_loss(about, mask_tensordict=data)
-        self.calls += 1
+        loss_alpha, _ = self.alpha_loss(about, mask_tensordict=data)
+        losses = {
+            "loss_actor": self.actor_bc_loss(data)[0] if self.cloning else loss_actor,
+            "loss_qvalue": loss_qvalue,
+            "loss_cql": loss_cql,
+            "loss_alpha": loss_alpha,
+        }
+        tensordict.set(self.tensor_keys.priority, priority)
+        if self.reduction == "none":
+            return TensorDict(losses, batch_size=tensordict.batch_size)
         entropy = -about[self.tensor_keys.log_prob].detach().mean()
         return TensorDict({**losses, "alpha": self._alpha, "entropy": entropy})
 
@@ -142,3 +162,10 @@ class ConservativeQLoss(CQLLoss):
                 drawn.append(rsample_and_log_prob(self.actor_network.get_dist(inputs)))
         actions, densities = zip(*drawn)
         return torch.cat(actions).movedim(0, -2), torch.cat(densities).movedim(0, -1)
+
+    def _reduce_loss(
+        self, loss: Tensor, tensordict: TensorDictBase | None = None, **options: Any
+    ) -> Tensor:
+        if tensordict is not None:
+            options.setdefault("weights", self._maybe_get_priority_weight(tensordict))
+        return super()._reduce_loss(loss, tensordict, **options)

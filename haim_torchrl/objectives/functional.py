@@ -411,6 +411,31 @@ def shaped_reward(reward: Tensor, cost: Tensor, cost_weight: float) -> Tensor:
     return reward - cost_weight * cost
 
 
+def penalised_value(value: Tensor, cost_value: Tensor, multiplier: Tensor | float) -> Tensor:
+    r"""A value under a Lagrange multiplier, :math:`(Q_r - \lambda Q_c) / (1 + \lambda)`.
+
+    The denominator keeps the scale, and with it the step of the policy, whatever the multiplier
+    (Stooke et al., "Responsive safety in reinforcement learning by PID Lagrangian methods", ICML
+    2020). Values of state and action, or advantages.
+
+    Args:
+        value: of the reward, ``[..., 1]``.
+        cost_value: of the cost, ``[..., 1]``.
+        multiplier: λ ≥ 0, a scalar.
+
+    Returns:
+        What the policy maximises, ``[..., 1]``.
+
+    Examples:
+        >>> import torch
+        >>> penalised_value(torch.tensor([2.0]), torch.tensor([1.0]), 3.0)
+        tensor([-0.2500])
+    """
+    _check_scalar("value", value)
+    _check_scalar("cost_value", cost_value)
+    return (value - multiplier * cost_value) / (1.0 + multiplier)
+
+
 def _check_scalar(name: str, tensor: Tensor) -> None:
     if tensor.ndim == 0 or tensor.shape[-1] != 1:
         raise ValueError(
