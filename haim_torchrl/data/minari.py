@@ -20,18 +20,26 @@ from tensordict import TensorDict
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import EnvBase
 
-from haim_torchrl.data.minari_export import (
+from haim_torchrl.data.minari_export import export_session
+from haim_torchrl.data.minari_format import (
     CARD,
     OUTCOMES,
     WHO_DROVE,
     MinariError,
     check_ranges,
-    export_session,
     find_minari,
 )
 from haim_torchrl.data.session import SessionError
 
-__all__ = ["MinariError", "describe", "export_session", "load_minari", "main"]
+__all__ = [
+    "MinariError",
+    "card_of",
+    "describe",
+    "export_session",
+    "load_episodes",
+    "load_minari",
+    "main",
+]
 
 
 def load_minari(dataset: str | os.PathLike[str], env: EnvBase | None = None) -> TensorDict:
@@ -57,6 +65,22 @@ def load_minari(dataset: str | os.PathLike[str], env: EnvBase | None = None) -> 
             that cannot be used or are not the environment's, incomplete, not finite or out of
             range.
     """
+    return TensorDict.cat(load_episodes(dataset, env))
+
+
+def load_episodes(dataset: str | os.PathLike[str], env: EnvBase | None = None) -> list[TensorDict]:
+    """Read a Minari dataset episode by episode.
+
+    Args:
+        dataset: As of :func:`load_minari`.
+        env: As of :func:`load_minari`.
+
+    Returns:
+        Transitions ``[T]`` of each episode, with the entries of :func:`load_minari`.
+
+    Raises:
+        MinariError: As :func:`load_minari`.
+    """
     found = _open(dataset)
     spaces = importlib.import_module("gymnasium.spaces")
     for name in ("observation", "action"):
@@ -78,7 +102,28 @@ def load_minari(dataset: str | os.PathLike[str], env: EnvBase | None = None) -> 
         episodes.append(steps)
     if not episodes:
         raise MinariError(f"dataset {found.id} holds no episode")
-    return TensorDict.cat(episodes)
+    return episodes
+
+
+def card_of(dataset: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a dataset says of itself beyond Minari's own entries.
+
+    Args:
+        dataset: As of :func:`load_minari`.
+
+    Returns:
+        Of ``settings`` (YAML), ``statistics``, ``versions``, ``seed``, ``started`` and ``infos``
+        those that it has, and ``scenarios``: the seeds of its episodes, in order; empty where
+        nobody says.
+
+    Raises:
+        MinariError: If it is missing.
+    """
+    found = _open(dataset)
+    about = found.storage.get_episode_metadata(range(found.total_episodes))
+    seeds = [episode.get("seed") for episode in about]
+    known = [int(seed) for seed in seeds if seed is not None]
+    return {**found.storage.metadata.get(CARD, {}), "scenarios": known}
 
 
 def describe(dataset: str | os.PathLike[str]) -> str:
@@ -103,6 +148,8 @@ def describe(dataset: str | os.PathLike[str]) -> str:
         "author": ", ".join(sorted(metadata.get("author", ()))),
         "requirements": ", ".join(metadata.get("requirements", ())),
         "description": metadata.get("description"),
+        "driver": card.get("driver"),
+        "observation_view": card.get("observation_view"),
         "seed": card.get("seed"),
         "recorded": card.get("started"),
     }

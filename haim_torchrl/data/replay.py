@@ -60,7 +60,8 @@ class TakeoverReplayBuffer:
         reflection: how transitions look in a mirror, if the world has a left-right symmetry.
         mirrored: share of a batch's transitions that are mirrored, in [0, 1]; needs a reflection.
             None: half of them, if there is one.
-        intervention_key: entry that says who drove.
+        intervention_key: entry that says who drove; None where nobody takes over, and all
+            transitions are of one kind.
         device: where to keep the transitions.
 
     Raises:
@@ -95,7 +96,7 @@ class TakeoverReplayBuffer:
         keys: Sequence[NestedKey] | None = None,
         reflection: Reflection | None = None,
         mirrored: float | None = 0.0,
-        intervention_key: NestedKey = "intervention",
+        intervention_key: NestedKey | None = "intervention",
         device: torch.device | str = "cpu",
     ) -> None:
         if batch_size < 1:
@@ -123,7 +124,7 @@ class TakeoverReplayBuffer:
         self.intervened = TransitionStore(
             capacity if mentor_capacity is None else mentor_capacity, device=device
         )
-        self._wanted = None if keys is None else list(dict.fromkeys([*keys, intervention_key]))
+        self._wanted = None if keys is None else self._with_flag(keys)
         self._keys: list[NestedKey] = []
         self._shapes: dict[NestedKey, tuple[torch.Size, torch.dtype]] = {}
 
@@ -150,6 +151,9 @@ class TakeoverReplayBuffer:
         if not self._keys:
             self._keys = self._choose_keys(flat)
         rows = {key: self._read(flat, key) for key in self._keys}
+        if self.intervention_key is None:
+            self.free.extend(rows)
+            return
         flags = rows[self.intervention_key].reshape(len(flat)).bool()
         for store, chosen in ((self.intervened, flags), (self.free, ~flags)):
             index = chosen.nonzero().squeeze(-1)
@@ -260,7 +264,11 @@ class TakeoverReplayBuffer:
             return self._wanted
         present = set(tensordict.keys(True, True))
         chosen = [key for key in TRANSITION_KEYS if key in present]
-        return list(dict.fromkeys([*chosen, self.intervention_key]))
+        return self._with_flag(chosen)
+
+    def _with_flag(self, keys: Sequence[NestedKey]) -> list[NestedKey]:
+        flag = [] if self.intervention_key is None else [self.intervention_key]
+        return list(dict.fromkeys([*keys, *flag]))
 
     def _read(self, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
         value = tensordict.get(key, default=None)
@@ -289,6 +297,7 @@ def make_replay_buffer(
     keys: Sequence[NestedKey] | None = None,
     reflection: Reflection | None = None,
     mirrored: float | None = 0.0,
+    intervention_key: NestedKey | None = "intervention",
     device: torch.device | str = "cpu",
 ) -> TakeoverReplayBuffer:
     """Makes the replay buffer; see :class:`TakeoverReplayBuffer` for the arguments.
@@ -302,6 +311,7 @@ def make_replay_buffer(
         keys: entries to keep.
         reflection: how transitions look in a mirror.
         mirrored: share of a batch's transitions that are mirrored; None: half, where possible.
+        intervention_key: entry that says who drove; None where nobody takes over.
         device: where to keep them.
 
     Returns:
@@ -316,5 +326,6 @@ def make_replay_buffer(
         keys=keys,
         reflection=reflection,
         mirrored=mirrored,
+        intervention_key=intervention_key,
         device=device,
     )

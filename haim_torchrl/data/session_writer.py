@@ -75,7 +75,7 @@ class SessionWriter:
             {
                 "format": FORMAT,
                 "version": VERSION,
-                "versions": {"haim_torchrl": __version__, **_versions()},
+                "versions": package_versions(),
                 "started": datetime.now(timezone.utc).isoformat(timespec="seconds"),
                 "seed": seed,
                 "settings": settings,
@@ -298,8 +298,9 @@ def _as_session(file: Path, end: int) -> bytes:
     return bytes(content) if steps else b""
 
 
-def _versions() -> dict[str, str]:
-    found = {}
+def package_versions() -> dict[str, str]:
+    """Versions of this package and of those that data depend on, by name."""
+    found = {"haim_torchrl": __version__}
     for name in PACKAGES:
         try:
             found[name] = version(name)

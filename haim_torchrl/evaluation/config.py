@@ -77,12 +77,6 @@ def check_config(config: DictConfig) -> None:
         _check_session(config)
     if "train" in config:
         _check_training(config)
-    if "clone" in config:
-        _check_at_least(config.clone, "clone", steps=1, updates=1, batch_size=1, validate_every=1)
-        if config.clone.loss_function not in ("l2", "nll"):
-            raise ConfigError(
-                f"clone.loss_function must be l2 or nll; got {config.clone.loss_function}"
-            )
 
 
 def drives_live(config: Any) -> bool:

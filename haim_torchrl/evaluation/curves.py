@@ -68,14 +68,14 @@ def smooth(values: NDArray[np.float64], window: int) -> NDArray[np.float64]:
     return np.where(counts > 0, sums / np.maximum(counts, 1.0), np.nan)
 
 
-def _draw(axes: Axes, panel: Panel, rows: Sequence[dict[str, str]]) -> None:
+def _draw(axes: Axes, panel: Panel, rows: Sequence[dict[str, str]], clock: str) -> None:
     axes.set_title(panel.title, fontsize=9, loc="left")
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
     if not rows:
         axes.text(0.5, 0.5, "no data", ha="center", transform=axes.transAxes, color="0.5")
         return
-    frames = _column(rows, "frames") / 1000.0
+    frames = _column(rows, clock) / 1000.0
     drawn = 0
     for name in panel.columns:
         values = _column(rows, name)
@@ -109,11 +109,13 @@ def draw_curves(folder: str | os.PathLike[str], path: str | os.PathLike[str]) ->
     tables = {
         name: CsvTable(Path(folder) / f"{name}.csv").read() for name in ("train", "validation")
     }
+    still = len({row["frames"] for row in tables["train"]}) == 1 < len(tables["train"])
+    clock, label = ("updates", "updates") if still else ("frames", "environment steps")
     figure = Figure(figsize=(11, 5.5), layout="constrained")
     grid = figure.subplots(2, 3).ravel()
     for axes, panel in zip(grid, PANELS):
-        _draw(axes, panel, tables[panel.table])
+        _draw(axes, panel, tables[panel.table], clock)
     for axes in grid[3:]:
-        axes.set_xlabel("environment steps [thousand]", fontsize=8)
+        axes.set_xlabel(f"{label} [thousand]", fontsize=8)
     figure.savefig(path, dpi=130)
     return Path(path)

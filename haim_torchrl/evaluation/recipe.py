@@ -15,12 +15,12 @@ from haim_torchrl.evaluation.drivers import PolicyDriver
 from haim_torchrl.evaluation.report import final_report
 from haim_torchrl.evaluation.resume import resumed_config
 from haim_torchrl.evaluation.run import Run, load_policy, peak_memory
-from haim_torchrl.evaluation.schema import LearningConfig
+from haim_torchrl.evaluation.schema import ResumableConfig
 from haim_torchrl.evaluation.sweep import AUTO, remaining
 
 
 def run_recipe(
-    config: DictConfig, train: Callable[[DictConfig], Any], schema: type[LearningConfig]
+    config: DictConfig, train: Callable[[DictConfig], Any], schema: type[ResumableConfig]
 ) -> None:
     """Train as the settings say: a new run, a resumed one, or what is left to do of a sweep.
 

@@ -11,11 +11,11 @@ from omegaconf import DictConfig, OmegaConf
 
 from haim_torchrl.evaluation.checkpoint import CheckpointError, find_checkpoint, load_checkpoint
 from haim_torchrl.evaluation.config import ConfigError
-from haim_torchrl.evaluation.schema import BaseConfig, LearningConfig
+from haim_torchrl.evaluation.schema import BaseConfig, ResumableConfig
 
 
 def resumed_config(
-    config: DictConfig, hydra: HydraConf, schema: type[LearningConfig]
+    config: DictConfig, hydra: HydraConf, schema: type[ResumableConfig]
 ) -> DictConfig:
     """The settings to resume with: those of the checkpoint, and the values given now.
 
@@ -42,7 +42,7 @@ def resumed_config(
                 f"{key}={parts.get(key)}; start a new run to change it"
             )
     recorded = bool(saved.get("record", False))
-    if result.record != recorded:
+    if result.get("record", recorded) != recorded:
         raise ConfigError(
             f"record={result.record} cannot be combined with resume, which keeps the run's own "
             f"record={recorded}; start a new run to change it"

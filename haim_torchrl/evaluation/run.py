@@ -13,6 +13,7 @@ from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
 from haim_torchrl.collectors import LiveCollector, LiveCollectorError, resume_collector
+from haim_torchrl.data.batches import DatasetBatches
 from haim_torchrl.data.session import SessionError
 from haim_torchrl.evaluation.assembly import World
 from haim_torchrl.evaluation.checkpoint import (
@@ -54,7 +55,7 @@ class Run:
         config: Its settings.
         actor: Its policy.
         average: The average of its policy, which is validated and kept.
-        collector: Its collector.
+        collector: Its collector, or what stands in for one where nobody drives.
         log: What it writes down.
         schedule: What is due when.
         parts: Loss, optimiser and replay by name.
@@ -67,7 +68,7 @@ class Run:
         *,
         actor: ProbabilisticActor,
         average: PolicyAverage,
-        collector: BaseCollector | LiveCollector,
+        collector: BaseCollector | LiveCollector | DatasetBatches,
         log: TrainingLog,
         schedule: Schedule,
         **parts: Stateful,
@@ -167,7 +168,7 @@ class Run:
         if self.schedule.finished and (self.folder / "metrics.json").exists():
             raise CheckpointError(
                 f"checkpoint {path} has all its {self.schedule.frames} steps already; give a "
-                "larger total_frames to go on, or evaluate it with recipes/evaluate.py"
+                f"larger {self.schedule.key} to go on, or evaluate it with recipes/evaluate.py"
             )
         try:
             resume_collector(self.collector, contents["collector"])

@@ -14,6 +14,9 @@ class Schedule:
         total_frames: Steps of the whole run.
     """
 
+    #: The setting that says how long the run is.
+    key = "total_frames"
+
     def __init__(self, settings: Any, total_frames: int) -> None:
         self._settings, self.total_frames = settings, total_frames
         self.frames = 0
@@ -54,3 +57,16 @@ class Schedule:
         """Continue from saved counters."""
         self.frames = self._before = int(state["frames"])
         self._owed = float(state["owed"])
+
+
+class UpdateSchedule(Schedule):
+    """What is due after each update of a run that learns from data alone: its steps are updates.
+
+    Args:
+        settings: The group ``offline``.
+    """
+
+    key = "offline.updates"
+
+    def __init__(self, settings: Any) -> None:
+        super().__init__(settings, settings.updates)

@@ -124,22 +124,31 @@ class BaseConfig:
 
 
 @dataclass
-class LearningConfig(BaseConfig):
+class ResumableConfig(BaseConfig):
+    """What every recipe needs that learns, and that can be interrupted and resumed.
+
+    Attributes:
+        resume: Run folder or checkpoint to go on from; null for a new run.
+    """
+
+    resume: str | None = None
+    critic: dict[str, Any] = field(default_factory=dict)
+    optimizer: dict[str, Any] = field(default_factory=dict)
+    logger: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class LearningConfig(ResumableConfig):
     """What every recipe needs that trains while it drives.
 
     Attributes:
         total_frames: Environment steps of training.
-        resume: Run folder or checkpoint to go on from; null for a new run.
         record: Whether to write every step to ``session.jsonl``, from which the run can be driven
             again; false stands for runs from before the setting.
     """
 
     total_frames: int = 30_000
-    resume: str | None = None
     record: bool = False
-    critic: dict[str, Any] = field(default_factory=dict)
-    optimizer: dict[str, Any] = field(default_factory=dict)
-    logger: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -157,36 +166,122 @@ class RunConfig(LearningConfig):
 
 
 @dataclass
-class CloneConfig:
-    """How the mentor is cloned.
+class OffPolicyConfig(RunConfig):
+    """Settings of ``recipes/off_policy.py``, the same as those of ``recipes/haim.py``.
 
-    Attributes:
-        steps: Mentor-driven steps to record.
-        like: Folder of a run whose number of mentor-driven steps is recorded instead, or null.
-        updates: Gradient steps.
-        batch_size: Steps in one.
-        mirrored: Share of them seen with left and right exchanged, where the world has that
-            symmetry.
-        lr: Learning rate.
-        loss_function: ``l2`` on the deterministic action, or ``nll`` for its negative log-density.
-        validate_every: Gradient steps between validations; the best is kept.
+    Nobody takes over here: ``train.no_takeover_after`` and ``record`` have no meaning.
     """
-
-    steps: int = 4000
-    like: str | None = None
-    updates: int = 10_000
-    batch_size: int = 256
-    mirrored: float = 0.5
-    lr: float = 3e-4
-    loss_function: str = "l2"
-    validate_every: int = 2500
 
 
 @dataclass
-class CloneRunConfig(BaseConfig):
-    """Settings of ``recipes/clone.py``."""
+class DemonstrateConfig(BaseConfig):
+    """Settings of ``recipes/demonstrate.py``.
 
-    clone: CloneConfig = field(default_factory=CloneConfig)
+    Attributes:
+        dataset: Id of the Minari dataset to write, ``name-v0`` or ``namespace/name-v0``.
+        steps: Steps to record.
+        driver: Who drives: ``mentor``, ``policy``, ``random`` or ``straight``.
+        checkpoint: Run folder or checkpoint of the policy; null where another one drives.
+        author: For the dataset's card; null for none.
+    """
+
+    dataset: str = MISSING
+    steps: int = 49_000
+    driver: str = "mentor"
+    checkpoint: str | None = None
+    author: str | None = None
+
+
+@dataclass
+class OfflineConfig:
+    """How a policy is learned from data alone.
+
+    Attributes:
+        updates: Gradient steps.
+        bc_updates: Of these, the first ones in which CQL's policy clones the data, before it
+            follows the critics.
+        batch_size: Transitions in one.
+        lr: Learning rate of Adam.
+        policy_average: Share that the average of the policy keeps at each update; the average is
+            validated and kept. 0 keeps the policy of the moment.
+        max_grad_norm: Bound of the gradient's norm over all parameters; null for none.
+        log_every: Updates between rows of ``train.csv``.
+        checkpoint_every: Updates between checkpoints.
+        validate_every: Updates between validations; the best policy is kept.
+    """
+
+    updates: int = 20_000
+    bc_updates: int = 2000
+    batch_size: int = 256
+    lr: float = 3e-4
+    policy_average: float = 0.999
+    max_grad_norm: float | None = None
+    log_every: int = 500
+    checkpoint_every: int = 5000
+    validate_every: int = 5000
+
+
+@dataclass
+class OfflineRunConfig(ResumableConfig):
+    """Settings of ``recipes/offline.py``.
+
+    Attributes:
+        demonstrations: Minari dataset to learn from, or its folder; null to have the mentor drive.
+        steps: Steps that the mentor then drives.
+        like: Folder of a run whose number of mentor-driven steps it drives instead, or null.
+        cost_weight: Reward that a cost of 1, such as a collision, takes away.
+        objective: The loss, a partial that takes ``actor_network``, and ``qvalue_network`` if it
+            has critics.
+        offline: How it is learned.
+    """
+
+    demonstrations: str | None = None
+    steps: int = 4000
+    like: str | None = None
+    cost_weight: float = 5.0
+    objective: dict[str, Any] = field(default_factory=dict)
+    replay: dict[str, Any] = field(default_factory=dict)
+    offline: OfflineConfig = field(default_factory=OfflineConfig)
+
+
+@dataclass
+class DaggerConfig:
+    """How demonstrations, rounds of driving and learning alternate.
+
+    Attributes:
+        warm_up: Steps of demonstrations; they count as environment steps, driven by the mentor.
+        interactions: Steps of a round; ``total_frames`` holds the warm-up and whole rounds.
+        updates: Gradient steps after the warm-up and after each round.
+        keep: ``mentor`` learns from what the mentor drove alone, ``all`` from the agent's own
+            steps, too.
+        batch_size: Steps in an update.
+        lr: Learning rate of Adam.
+        log_every: Steps between rows of ``train.csv``.
+    """
+
+    warm_up: int = 10_000
+    interactions: int = 5000
+    updates: int = 5000
+    keep: str = "mentor"
+    batch_size: int = 256
+    lr: float = 4e-4
+    log_every: int = 500
+
+
+@dataclass
+class DaggerRunConfig(LearningConfig):
+    """Settings of ``recipes/dagger.py``.
+
+    Attributes:
+        demonstrations: Minari dataset of the warm-up; null to have the mentor drive it.
+        objective: The loss that clones, a partial that takes ``actor_network``.
+        dagger: How demonstrations, rounds of driving and learning alternate.
+    """
+
+    demonstrations: str | None = None
+    objective: dict[str, Any] = field(default_factory=dict)
+    replay: dict[str, Any] = field(default_factory=dict)
+    dagger: DaggerConfig = field(default_factory=DaggerConfig)
 
 
 @dataclass
@@ -229,6 +324,9 @@ def register_schemas() -> None:
     """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
     store = ConfigStore.instance()
     store.store(name="run_schema", node=RunConfig)
-    store.store(name="clone_schema", node=CloneRunConfig)
+    store.store(name="dagger_schema", node=DaggerRunConfig)
+    store.store(name="demonstrate_schema", node=DemonstrateConfig)
+    store.store(name="offline_schema", node=OfflineRunConfig)
+    store.store(name="off_policy_schema", node=OffPolicyConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
     store.store(name="report_schema", node=ReportConfig)

@@ -18,7 +18,7 @@ from haim_torchrl.evaluation.comparison import (
     write_comparison,
 )
 from haim_torchrl.evaluation.resume import resumed_config
-from haim_torchrl.evaluation.schema import LearningConfig
+from haim_torchrl.evaluation.schema import ResumableConfig
 from haim_torchrl.evaluation.tables import print_tables
 from haim_torchrl.report.runs import RESULT_FILE
 
@@ -27,7 +27,7 @@ AUTO = "auto"
 
 
 def remaining(
-    config: DictConfig, hydra: HydraConf, schema: type[LearningConfig]
+    config: DictConfig, hydra: HydraConf, schema: type[ResumableConfig]
 ) -> DictConfig | None:
     """What is left to do of a run of a sweep that may have been interrupted before.
 

@@ -46,6 +46,11 @@ def build_loss(
         ConfigError: If a term cannot be built, takes a critic and names none, trains a critic that
             the policy does not follow, or reads an entry that nobody records.
     """
+    if "entropy" not in settings:
+        raise ConfigError(
+            "loss has none of the terms of a method that learns from takeovers; choose a method, "
+            "such as method=haim, or use recipes/off_policy.py"
+        )
     temperature: Temperature = build(settings.entropy.temperature)
     temperature.to(next(actor.parameters()).device)
     nodes = dict(_nodes(settings))

@@ -58,9 +58,9 @@ class CsvTable:
             csv.DictWriter(stream, self._columns, restval="").writerow(dict(row))
 
     def keep(self, column: str, at_most: float) -> None:
-        """Drop the rows in which ``column`` exceeds ``at_most``."""
+        """Drop the rows in which ``column`` exceeds ``at_most``; one without a value is kept."""
         rows = self.read()
-        kept = [row for row in rows if float(row[column]) <= at_most]
+        kept = [row for row in rows if float(row.get(column) or "-inf") <= at_most]
         if len(kept) < len(rows):
             self._rewrite(kept)
 
@@ -169,6 +169,14 @@ class TrainingLog:
             self._episodes.append(row)
         return finished
 
+    def add_demonstrations(self, data: TensorDictBase) -> None:
+        """Count steps ``[N]`` that the mentor drove alone: its own, and the environment's."""
+        self.totals["frames"] += len(data)
+        self.totals["mentor_steps"] += len(data)
+        cost = data.get(("next", "cost"), None)
+        if cost is not None:
+            self.totals["violations"] += float(cost.sum())
+
     def restart_episodes(self) -> None:
         """Forget unfinished episodes, because the environments were reset."""
         for meter in self._meters:
@@ -228,7 +236,11 @@ class TrainingLog:
 
     def write_validation(self, figures: Mapping[str, float]) -> None:
         """Write the figures of a validation to ``validation.csv`` and the logger."""
-        row = {"frames": int(self.totals["frames"]), **figures}
+        row = {
+            "frames": int(self.totals["frames"]),
+            "updates": int(self.totals["updates"]),
+            **figures,
+        }
         self._validation.append(row)
         self._send("validation", row)
 
@@ -271,6 +283,7 @@ class TrainingLog:
         self._loss_count = state["loss_count"]
         for table in (self._train, self._episodes, self._validation):
             table.keep("frames", self.totals["frames"])
+            table.keep("updates", self.totals["updates"])  # alone where frames stand still
 
 
 def fifths(frames: list[float], cumulative: list[float]) -> tuple[float, float]:

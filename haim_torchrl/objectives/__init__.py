@@ -3,12 +3,15 @@
 from haim_torchrl.objectives.actor import ActorLoss, WeightedCritic
 from haim_torchrl.objectives.anchor import CloningAnchorLoss
 from haim_torchrl.objectives.composite import HAIMLoss
+from haim_torchrl.objectives.conservative import ConservativeQLoss
 from haim_torchrl.objectives.cost import (
     CostCriticLoss,
     ExplicitInterventionLoss,
     ImplicitInterventionLoss,
 )
+from haim_torchrl.objectives.ensemble_cloning import EnsembleCloningLoss
 from haim_torchrl.objectives.forward_pass import ForwardPass
+from haim_torchrl.objectives.lagrange import LagrangeMultiplier
 from haim_torchrl.objectives.optimization import (
     NonFiniteLossError,
     UpdateStep,
@@ -22,6 +25,7 @@ from haim_torchrl.objectives.preference import (
     PreferenceTerm,
 )
 from haim_torchrl.objectives.proxy import ProxyQLoss
+from haim_torchrl.objectives.sac_lagrangian import SACLagrangianLoss
 from haim_torchrl.objectives.target import TargetUpdater
 from haim_torchrl.objectives.temperature import TemperatureLoss
 from haim_torchrl.objectives.temporal_difference import TemporalDifferenceTerm
@@ -32,18 +36,22 @@ __all__ = [
     "BoundedPreferenceLoss",
     "CloningAnchorLoss",
     "ConservativePreferenceLoss",
+    "ConservativeQLoss",
     "CostCriticLoss",
     "CriticTerm",
+    "EnsembleCloningLoss",
     "ExplicitInterventionLoss",
     "ForwardPass",
     "HAIMLoss",
     "ImplicitInterventionLoss",
+    "LagrangeMultiplier",
     "LinearPreferenceLoss",
     "LossTerm",
     "NonFiniteLossError",
     "PolicyTerm",
     "PreferenceTerm",
     "ProxyQLoss",
+    "SACLagrangianLoss",
     "TargetUpdater",
     "TemperatureLoss",
     "TemporalDifferenceTerm",

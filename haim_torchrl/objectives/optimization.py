@@ -9,6 +9,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torch.optim import Adam, Optimizer
+from torchrl.objectives import LossModule
 
 from haim_torchrl.objectives.composite import HAIMLoss, losses_of
 from haim_torchrl.objectives.target import TargetUpdater
@@ -48,7 +49,7 @@ def check_finite(losses: TensorDictBase) -> None:
 
 
 def make_optimizer(
-    loss: HAIMLoss,
+    loss: LossModule,
     lr: float = 1e-4,
     *,
     fused: bool | None = True,
@@ -61,13 +62,24 @@ def make_optimizer(
         loss: the loss.
         lr: learning rate (1e-4 in the paper).
         fused: one kernel for all parameters.
-        overrides: by role (``actor``, ``critic``, ``temperature``), options that differ.
+        overrides: by role (``actor``, ``critic``, ``temperature``), options that differ. In a loss
+            of TorchRL's own the network ``actor_network`` is the actor, every other network a
+            critic, and a parameter outside of networks the temperature.
         **options: of ``torch.optim.Adam``.
 
     Returns:
         The optimiser.
+
+    Raises:
+        ValueError: if an override names a role that the loss has not.
     """
-    return Adam(loss.parameter_groups(lr, **(overrides or {})), lr=lr, fused=fused, **options)
+    chosen = overrides or {}
+    groups = (
+        loss.parameter_groups(lr, **chosen)
+        if isinstance(loss, HAIMLoss)
+        else _network_groups(loss, lr, chosen)
+    )
+    return Adam(groups, lr=lr, fused=fused, **options)
 
 
 class UpdateStep:
@@ -122,6 +134,25 @@ class UpdateStep:
         if self.target_updater is not None:
             self.target_updater.step()
         return losses.detach()
+
+
+def _network_groups(
+    loss: LossModule, lr: float, overrides: Mapping[str, Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    groups: dict[str, list[nn.Parameter]] = {}
+    for name, parameter in loss.named_parameters():
+        network, _, inside = name.partition(".")
+        role = "temperature" if not inside else "critic"
+        groups.setdefault("actor" if network == "actor_network_params" else role, []).append(
+            parameter
+        )
+    unknown = sorted(set(overrides) - set(groups))
+    if unknown:
+        raise ValueError(f"No parameter has the role {unknown[0]!r}; roles are {sorted(groups)}.")
+    return [
+        {"params": parameters, "name": role, "lr": lr, **overrides.get(role, {})}
+        for role, parameters in groups.items()
+    ]
 
 
 def _total(losses: Iterable[Tensor]) -> Tensor:

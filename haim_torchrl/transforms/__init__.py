@@ -12,6 +12,7 @@ from haim_torchrl.transforms.keys import (
 )
 from haim_torchrl.transforms.random_state import SimulatorRandomState
 from haim_torchrl.transforms.recording import SessionRecorder
+from haim_torchrl.transforms.shaped_reward import ShapedReward
 from haim_torchrl.transforms.transition import TakeoverToTransition
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "InterventionTransform",
     "KeyEntry",
     "SessionRecorder",
+    "ShapedReward",
     "SimulatorRandomState",
     "TakeoverToTransition",
     "check_intervention_specs",

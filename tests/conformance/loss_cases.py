@@ -8,14 +8,20 @@ only what ours happen to do. A new combination of terms gets a case here, a new 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from tensordict import NestedKey
 from torchrl.objectives import LossModule, SACLoss, TD3Loss, ValueEstimators
 
-from haim_torchrl.objectives import HAIMLoss
+from haim_torchrl.objectives import (
+    ConservativeQLoss,
+    HAIMLoss,
+    LagrangeMultiplier,
+    SACLagrangianLoss,
+)
 
-from .loss_case import Discounted, LossCase
+from .loss_case import ALL_BUT_TD0, Discounted, LossCase
 from .networks import Networks
 from .term_cases import (
     ANCHOR,
@@ -197,7 +203,74 @@ TORCHRL = (
     ),
 )
 
-CASES = (*TERMS, *COMPOSITES, *TORCHRL)
+
+def make_sac_lagrangian(networks: Networks) -> LossModule:
+    """Soft actor-critic of TorchRL under a limit on the cost."""
+    return SACLagrangianLoss(
+        networks.actor,
+        networks.single_critic,
+        networks.critic("cost"),
+        LagrangeMultiplier(limit=0.1, initial=0.5),
+        num_qvalue_nets=2,
+        loss_function="l2",
+        alpha_init=networks.alpha,
+        deactivate_vmap=networks.one_by_one,
+        reduction=networks.reduction,
+        scalar_output_mode="exclude" if networks.reduction == "none" else None,
+    )
+
+
+def make_conservative_q(networks: Networks) -> LossModule:
+    """Conservative Q-learning."""
+    return ConservativeQLoss(
+        networks.actor,
+        networks.single_critic,
+        num_random=2,
+        target_entropy=-2.0,  # "auto" looks for the action under its default name
+        loss_function="l2",
+        alpha_init=networks.alpha,
+        deactivate_vmap=networks.one_by_one,
+        reduction=networks.reduction,
+        scalar_output_mode="exclude" if networks.reduction == "none" else None,
+    )
+
+
+SAC, _ = TORCHRL
+SAC_LAGRANGIAN = replace(
+    SAC,
+    name="SAC-Lagrangian",
+    make=make_sac_lagrangian,
+    losses=(*SAC.losses, "loss_cost"),
+    reads=SAC.reads | {("next", "cost")},
+    keys={**SAC.keys, "cost": "cost"},
+    trains={**SAC.trains, "loss_cost": ("cost_network_params",)},
+    shares=SAC.shares | {"cost"},
+    targets=(*SAC.targets, "target_cost_network_params"),
+    discounted={**SAC.discounted, "loss_cost": Discounted("cost", scale=1.0)},
+    leaves_behind=frozenset(),
+    unsupported=ALL_BUT_TD0,
+    compiled=True,
+)
+CONSERVATIVE_Q = replace(
+    SAC,
+    name="CQL",
+    make=make_conservative_q,
+    losses=(*SAC.losses, "loss_cql"),
+    keys={
+        **UPSTREAM_KEYS,
+        "value": "state_value",
+        "log_prob": "_log_prob",
+        "pred_q1": "pred_q1",
+        "pred_q2": "pred_q2",
+        "cql_q1_loss": "cql_q1_loss",
+        "cql_q2_loss": "cql_q2_loss",
+    },
+    trains={**SAC.trains, "loss_cql": ("qvalue_network_params",)},
+    leaves_behind=frozenset(),
+    compiled=True,
+)
+
+CASES = (*TERMS, *COMPOSITES, *TORCHRL, SAC_LAGRANGIAN, CONSERVATIVE_Q)
 
 
 def cases(*, having: str) -> list[LossCase]:

@@ -39,6 +39,7 @@ from haim_torchrl.transforms import (
     DisturbanceTransform,
     InterventionTransform,
     SessionRecorder,
+    ShapedReward,
     SimulatorRandomState,
     TakeoverToTransition,
     check_intervention_specs,
@@ -218,6 +219,10 @@ def intervention() -> InterventionTransform:
     return InterventionTransform(HomelyMentor, Hold(ActionSwitch(1.0), 1))
 
 
+def with_shaped_reward(data: TensorDictBase) -> TensorDictBase:
+    return data.clone().set(("next", "shaped_reward"), torch.tensor([[2.0], [-7.0]]))
+
+
 NEEDS_SIMULATOR = refuses(RuntimeError, "needs the simulator.*put the transform inside")
 SESSIONS = TemporaryDirectory()
 
@@ -253,6 +258,15 @@ CASES = (
         around=refuses(RuntimeError, "finished steps.*postproc"),
         forward=lambda data: TRANSITIONS,
         inverse=lambda data: TRANSITIONS,
+    ),
+    TransformCase(
+        "ShapedReward",
+        lambda: ShapedReward(2.0),
+        inside=refuses(RuntimeError, "finished steps.*postproc"),
+        around=refuses(RuntimeError, "finished steps.*postproc"),
+        data=lambda: STEPS.clone().set(("next", "cost"), torch.tensor([[1.0], [0.5]])),
+        forward=with_shaped_reward,
+        inverse=with_shaped_reward,
     ),
     TransformCase(
         "SimulatorRandomState",

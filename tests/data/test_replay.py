@@ -251,3 +251,15 @@ def test_images_stay_bytes_in_the_store_and_in_a_batch() -> None:
     again = make_replay_buffer(100)
     again.load_state_dict(replay.state_dict())
     assert again.sample(2)["pixels"].dtype == torch.uint8
+
+
+def test_where_nobody_takes_over_all_transitions_are_of_one_kind() -> None:
+    replay = make_replay_buffer(100, 4, keys=["observation"], intervention_key=None)
+    replay.extend(TensorDict(observation=torch.arange(6.0).reshape(2, 3, 1), batch_size=[2, 3]))
+    assert len(replay) == len(replay.free) == 6 and len(replay.intervened) == 0
+    drawn = replay.sample(200)
+    assert set(drawn.keys(True, True)) == {"observation"}
+    assert set(drawn["observation"].flatten().tolist()) == set(range(6))
+    copy = make_replay_buffer(100, 4, keys=["observation"], intervention_key=None)
+    copy.load_state_dict(replay.state_dict())
+    assert len(copy) == 6

@@ -139,10 +139,16 @@ def test_several_simulators_are_refused(toy_road: Any) -> None:
 def test_demonstrations_hold_what_the_mentor_saw_and_did(toy_road: Any, toy_mentor: Any) -> None:
     data = record_demonstrations(toy_road, toy_mentor(), 50, [1, 3], seed=0)
     assert data.shape == (50,) and data["observation"].shape == (50, 3)
-    assert data["done"].sum() == 2  # 20 steps an episode
+    assert data["next", "done"].sum() == 2  # 20 steps an episode
     starts = data["observation"][:, 0] == 0.0
     assert data["action"][starts, 1].tolist() == [1.0, 1.0, 1.0]
     assert data["action"][~starts, 1].abs().max() == 0.0
+    assert torch.equal(data["takeover_start"].squeeze(-1), starts) and data["intervention"].all()
+    for key in ("action_agent", "action_mentor"):
+        assert torch.equal(data[key], data["action"])
+    going_on = ~data["next", "done"][:-1].squeeze(-1)
+    following = data["next", "observation"][:-1][going_on]
+    assert torch.equal(following, data["observation"][1:][going_on])
 
 
 def test_demonstrations_visit_every_scenario_before_any_again(

@@ -117,7 +117,13 @@ def test_what_a_person_cannot_do_is_one_sentence(overrides: list[str], said: str
 
 
 @pytest.mark.parametrize(
-    "recipe", [("clone",), ("evaluate", "driver=mentor"), ("evaluate", "driver=[random,mentor]")]
+    "recipe",
+    [
+        ("offline",),
+        ("demonstrate",),
+        ("evaluate", "driver=mentor"),
+        ("evaluate", "driver=[random,mentor]"),
+    ],
 )
 def test_people_take_part_in_training_only(recipe: tuple[str, ...]) -> None:
     name, *overrides = recipe

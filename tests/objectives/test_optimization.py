@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.objectives import SACLoss
 
+from haim_torchrl.modules import make_actor, make_critic
 from haim_torchrl.objectives import (
     LinearPreferenceLoss,
     NonFiniteLossError,
@@ -153,3 +155,20 @@ def test_parameters_of_a_network_are_restored_when_its_call_fails(
     with pytest.raises(RuntimeError):
         term(batch.clone().set("action", torch.zeros(3, 4)))
     assert critic.module.weight is weight
+
+
+def test_torchrls_own_losses_are_grouped_by_network() -> None:
+    loss = SACLoss(make_actor(3, 2, (4,)), make_critic(3, 2, (4,), ensemble_size=1))
+    optimizer = make_optimizer(loss, lr=0.1, overrides={"temperature": {"lr": 0.5}})
+    groups = {group["name"]: group for group in optimizer.param_groups}
+    assert {name: group["lr"] for name, group in groups.items()} == {
+        "temperature": 0.5,
+        "actor": 0.1,
+        "critic": 0.1,
+    }
+    assert groups["temperature"]["params"] == [loss.log_alpha]
+    sizes = {name: sum(p.numel() for p in group["params"]) for name, group in groups.items()}
+    assert sizes["actor"] == 4 * (3 + 1) + 4 * (4 + 1)  # mean and spread of two actions
+    assert sizes["critic"] == 2 * (4 * (5 + 1) + (4 + 1))
+    with pytest.raises(ValueError, match="No parameter has the role 'value'"):
+        make_optimizer(loss, overrides={"value": {"lr": 1.0}})

@@ -28,7 +28,8 @@ from haim_torchrl.evaluation.config import (
     find_device,
     plain,
 )
-from haim_torchrl.evaluation.schema import EvalConfig, TrainConfig
+from haim_torchrl.evaluation.offline import check_offline
+from haim_torchrl.evaluation.schema import EvalConfig, OfflineConfig, TrainConfig
 from haim_torchrl.evaluation.terms import build_loss
 from haim_torchrl.modules import make_critic
 
@@ -65,12 +66,42 @@ def targets(node: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
             yield from targets(value, f"{path}[{index}]")
 
 
+OTHERS = {
+    "dagger": {
+        "algorithm": ("hg_dagger", "iwr"),
+        "preset": ("dagger_default", "dagger_paper", "dagger_smoke"),
+    },
+    "off_policy": {
+        "algorithm": ("sac_rs", "sac_lag"),
+        "loss": ("sac_rs", "sac_lag"),
+        "preset": ("off_policy", "off_policy_smoke", "sac_paper", "sac_lag_paper"),
+    },
+    "offline": {
+        "algorithm": ("bc", "cql"),
+        "preset": ("offline_default", "offline_smoke", "bc_paper", "cql_paper"),
+    },
+}
+"""Members of groups that belong to another recipe than the main one."""
+
+
+def recipe_of(path: Path) -> str:
+    """The recipe that a member of a group is meant for."""
+    for recipe, groups in OTHERS.items():
+        if path.stem in groups.get(str(path.parent), ()):
+            return recipe
+    return "haim"
+
+
 def composed(path: Path) -> DictConfig:
     if path.parts[0] == "logger":  # their folder is known to a running job only
         return OmegaConf.load(CONF / path)  # type: ignore[return-value]
     if len(path.parts) > 2 and path.parts[0] == "mentor":  # groups that only people have
         return load("mentor=keyboard", f"{path.parent}={path.stem}")
-    return load(f"{path.parent}={path.stem}")
+    if path.parent == Path("loss/multiplier"):
+        member = f"loss/multiplier@loss.objective.multiplier={path.stem}"
+        return load("algorithm=sac_lag", member, name="off_policy")
+    lag = ["algorithm=sac_lag"] if path.stem == "sac_lag_paper" else []
+    return load(*lag, f"{path.parent}={path.stem}", name=recipe_of(path))
 
 
 @pytest.mark.parametrize("path", MEMBERS, ids=str)
@@ -95,9 +126,30 @@ def test_every_file_says_what_it_is(path: Path) -> None:
     assert comments, f"{path} does not begin with a comment"
 
 
-@pytest.mark.parametrize("name", ["haim", "clone", "evaluate"])
+@pytest.mark.parametrize(
+    "name", ["haim", "dagger", "demonstrate", "offline", "evaluate", "off_policy"]
+)
 def test_recipe_settings_pass_the_checks(name: str) -> None:
     check_config(load(name=name))
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "cql"])
+def test_an_offline_algorithm_names_its_runs(algorithm: str) -> None:
+    config = load(f"algorithm={algorithm}", name="offline")
+    assert config.name == algorithm
+    check_offline(config)
+    assert OmegaConf.to_container(config.offline) == dataclasses.asdict(OfflineConfig())
+
+
+def test_offline_paper_presets_are_the_papers_tables() -> None:
+    bc, cql = load("preset=bc_paper", name="offline"), load("preset=cql_paper", name="offline")
+    assert (bc.name, bc.offline.batch_size, bc.offline.updates) == ("bc", 32, 200_000)
+    assert cql.name == "cql" and (cql.loss.gamma, cql.loss.tau) == (0.99, 0.005)
+    assert (cql.objective.temperature, cql.objective.min_q_weight) == (5.0, 0.2)
+    assert cql.offline.bc_updates == 200_000
+    assert bc.offline.lr == cql.offline.lr == 1e-4
+    for config in (bc, cql):
+        check_offline(config)
 
 
 @pytest.mark.parametrize("preset", ["default", "paper", "smoke"])
@@ -165,6 +217,18 @@ def test_paper_preset_is_the_papers_table() -> None:
         "desired_speed": 15.0,
         "exponent": 4.0,
     }
+
+
+def test_sac_presets_are_the_papers_table() -> None:
+    config = load("algorithm=sac_lag", "preset=sac_lag_paper", name="off_policy")
+    check_config(config)
+    assert config.loss.gamma == 0.99 and config.loss.tau == 0.005
+    assert config.optimizer.lr == 1e-4 and config.env.horizon == 1500
+    assert config.train.learning_starts == 10_000 and config.total_frames == 1_000_000
+    assert config.loss.objective.multiplier.limit == 1.0
+    plain = load("preset=sac_paper", name="off_policy")
+    assert plain.loss.objective._target_ == "torchrl.objectives.SACLoss"
+    assert (plain.name, config.name) == ("sac_rs", "sac_lag")
 
 
 def test_a_group_on_the_command_line_beats_the_preset() -> None:

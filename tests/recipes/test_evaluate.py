@@ -1,4 +1,4 @@
-"""Evaluation and cloning recipes."""
+"""Evaluation recipe."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 
 
 def results(folder: Path) -> dict[str, Any]:
@@ -87,22 +86,3 @@ def test_bad_input(
 def test_a_policy_of_another_size_is_named(trained: Any, command: Callable[..., Any]) -> None:
     outcome = command("evaluate", f"checkpoint={trained.folder}", "actor.hidden=[8]")
     assert outcome.code == 2 and "does not fit this run's actor" in outcome.err
-
-
-def test_cloning_fits_the_mentor_and_can_be_evaluated(
-    trained: Any, tmp_path: Path, command: Callable[..., Any]
-) -> None:
-    outcome = command(
-        "clone", f"clone.like={trained.folder}", "clone.updates=60", "clone.validate_every=30",
-        "clone.batch_size=16", "actor.hidden=[32]", "eval.validation.count=1",
-        "eval.test.count=1", "eval.pictures=false",
-    )  # fmt: skip
-    assert outcome.code == 0, outcome.err
-    folder = next((tmp_path / "runs" / "clone").iterdir())
-    last = torch.load(trained.folder / "checkpoints" / "last.pt", weights_only=True)
-    mentor_steps = last["parts"]["log"]["totals"]["mentor_steps"]
-    assert results(folder)["training"]["mentor_steps"] == mentor_steps
-    again = command("evaluate", f"checkpoint={folder}", "eval.pictures=false")
-    assert again.code == 0, again.err
-    evaluated = results(next((tmp_path / "runs" / "evaluate").iterdir()))
-    assert evaluated["drivers"]["policy"]["episodes"] == results(folder)["episodes"]

@@ -55,9 +55,8 @@ def test_cloning_trains_what_the_policy_sees_with(
     command: Callable[..., Any], tmp_path: Path
 ) -> None:
     outcome = command(
-        "clone", *SEES[:2], "env.observation.size=21", "actor.channels=[4,4,4]", "clone.steps=60",
-        "clone.updates=4", "clone.batch_size=8", "clone.validate_every=2", "env.horizon=40",
-        "eval.validation.count=1", "eval.test.count=1", "eval.pictures=false",
+        "offline", "preset=offline_smoke", *SEES[:2], "env.observation.size=21",
+        "actor.channels=[4,4,4]", "steps=60", "offline.updates=4", "offline.validate_every=2",
         "hydra.run.dir=copy",
     )  # fmt: skip
     assert outcome.code == 0, outcome.err

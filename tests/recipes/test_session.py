@@ -155,7 +155,7 @@ def test_a_run_need_not_be_recorded(tmp_path: Path, command: Callable[..., Any])
     assert list(tmp_path.rglob("train.csv")) and not list(tmp_path.rglob(SESSION_FILE))
 
 
-@pytest.mark.parametrize("recipe", ["clone", "evaluate"])
+@pytest.mark.parametrize("recipe", ["offline", "demonstrate", "evaluate"])
 def test_a_session_drives_nothing_else(
     recorded: Path, recipe: str, command: Callable[..., Any]
 ) -> None:
