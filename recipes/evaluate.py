@@ -1,7 +1,7 @@
 """Drive a scenario set and print the paper's Table 1 columns with confidence intervals.
 
 python recipes/evaluate.py checkpoint=runs/haim/<date>
-python recipes/evaluate.py checkpoint=runs/haim/<date> eval=validation driver=policy+mentor
+python recipes/evaluate.py checkpoint=runs/haim/<date> eval.set=validation driver=policy+mentor
 python recipes/evaluate.py driver=[mentor,random,straight]
 """
 

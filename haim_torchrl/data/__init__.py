@@ -1,5 +1,6 @@
 """Storage of takeover data."""
 
+from haim_torchrl.data.aggregation import Aggregate
 from haim_torchrl.data.reflection import Reflection
 from haim_torchrl.data.replay import (
     TRANSITION_KEYS,
@@ -20,6 +21,7 @@ from haim_torchrl.data.store import TransitionStore
 __all__ = [
     "SESSION_FILE",
     "TRANSITION_KEYS",
+    "Aggregate",
     "Reflection",
     "Session",
     "SessionEpisode",

@@ -115,14 +115,17 @@ def _mentor_steps(run: str) -> int:
 
 
 def build_objective(
-    config: DictConfig, actor: ProbabilisticActor, make_critic: Callable[[], TensorDictModule]
+    config: DictConfig,
+    actor: ProbabilisticActor,
+    make_critic: Callable[[], TensorDictModule] | None = None,
 ) -> tuple[LossModule, TargetUpdater | None]:
     """The loss of the group ``objective``, and what moves its targets if it has any.
 
     Args:
         config: Settings of the run.
         actor: The policy that it trains.
-        make_critic: Builds a critic with one member, for a loss that has critics.
+        make_critic: Builds a critic with one member, for a loss that has critics; None where such
+            a loss has no place.
 
     Raises:
         ConfigError: If it refuses its settings.
@@ -132,6 +135,8 @@ def build_objective(
         takes = inspect.signature(build(config.objective)).parameters
         if "qvalue_network" not in takes:
             return build(config.objective, actor_network=actor), None
+        if make_critic is None:
+            raise ConfigError("objective needs a critic; this recipe has losses that clone alone")
         critic = make_critic()
         loss = build(config.objective, actor_network=actor, qvalue_network=critic)
         loss.make_value_estimator(gamma=config.loss.gamma)

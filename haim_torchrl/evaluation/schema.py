@@ -245,6 +245,46 @@ class OfflineRunConfig(ResumableConfig):
 
 
 @dataclass
+class DaggerConfig:
+    """How demonstrations, rounds of driving and learning alternate.
+
+    Attributes:
+        warm_up: Steps of demonstrations; they count as environment steps, driven by the mentor.
+        interactions: Steps of a round; ``total_frames`` holds the warm-up and whole rounds.
+        updates: Gradient steps after the warm-up and after each round.
+        keep: ``mentor`` learns from what the mentor drove alone, ``all`` from the agent's own
+            steps, too.
+        batch_size: Steps in an update.
+        lr: Learning rate of Adam.
+        log_every: Steps between rows of ``train.csv``.
+    """
+
+    warm_up: int = 10_000
+    interactions: int = 5000
+    updates: int = 5000
+    keep: str = "mentor"
+    batch_size: int = 256
+    lr: float = 4e-4
+    log_every: int = 500
+
+
+@dataclass
+class DaggerRunConfig(LearningConfig):
+    """Settings of ``recipes/dagger.py``.
+
+    Attributes:
+        demonstrations: Minari dataset of the warm-up; null to have the mentor drive it.
+        objective: The loss that clones, a partial that takes ``actor_network``.
+        dagger: How demonstrations, rounds of driving and learning alternate.
+    """
+
+    demonstrations: str | None = None
+    objective: dict[str, Any] = field(default_factory=dict)
+    replay: dict[str, Any] = field(default_factory=dict)
+    dagger: DaggerConfig = field(default_factory=DaggerConfig)
+
+
+@dataclass
 class EvaluateConfig(BaseConfig):
     """Settings of ``recipes/evaluate.py``.
 
@@ -284,6 +324,7 @@ def register_schemas() -> None:
     """Make the schemas known to Hydra under the names that ``conf/*.yaml`` begin with."""
     store = ConfigStore.instance()
     store.store(name="run_schema", node=RunConfig)
+    store.store(name="dagger_schema", node=DaggerRunConfig)
     store.store(name="demonstrate_schema", node=DemonstrateConfig)
     store.store(name="offline_schema", node=OfflineRunConfig)
     store.store(name="off_policy_schema", node=OffPolicyConfig)

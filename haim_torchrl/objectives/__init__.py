@@ -9,6 +9,7 @@ from haim_torchrl.objectives.cost import (
     ExplicitInterventionLoss,
     ImplicitInterventionLoss,
 )
+from haim_torchrl.objectives.ensemble_cloning import EnsembleCloningLoss
 from haim_torchrl.objectives.forward_pass import ForwardPass
 from haim_torchrl.objectives.lagrange import LagrangeMultiplier
 from haim_torchrl.objectives.optimization import (
@@ -38,6 +39,7 @@ __all__ = [
     "ConservativeQLoss",
     "CostCriticLoss",
     "CriticTerm",
+    "EnsembleCloningLoss",
     "ExplicitInterventionLoss",
     "ForwardPass",
     "HAIMLoss",

@@ -362,6 +362,32 @@ def anchor_distance(action: Tensor, action_mentor: Tensor, intervention: Tensor)
     return distance.masked_fill(~intervention, 0.0)
 
 
+def ensemble_distance(actions: Tensor, action: Tensor) -> Tensor:
+    r"""Mean squared distance of an ensemble's actions to the one that is cloned.
+
+    .. math:: \frac{1}{E A} \sum_e \lVert a_e - a \rVert^2
+
+    The mean action's distance would not do: members that err to either side would not be drawn to
+    the action, and their disagreement would say nothing.
+
+    Args:
+        actions: of the members, ``[..., E, A]``.
+        action: what was done, ``[..., A]``.
+
+    Returns:
+        Distance, ``[..., 1]``.
+
+    Raises:
+        ValueError: if the shapes do not fit.
+    """
+    if actions.ndim != action.ndim + 1 or actions.shape[-1] != action.shape[-1]:
+        raise ValueError(
+            f"actions must have the shape [..., E, A] and action [..., A], got "
+            f"{tuple(actions.shape)} and {tuple(action.shape)}."
+        )
+    return (actions - action.unsqueeze(-2)).square().mean((-2, -1)).unsqueeze(-1)
+
+
 def shaped_reward(reward: Tensor, cost: Tensor, cost_weight: float) -> Tensor:
     """The reward less what the cost weighs: the paper's reward shaping ("RS").
 

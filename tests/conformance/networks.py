@@ -12,7 +12,13 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor
 
-from haim_torchrl.modules import EnsembleMLP, Temperature, make_actor, make_critic
+from haim_torchrl.modules import (
+    EnsembleMLP,
+    Temperature,
+    make_actor,
+    make_critic,
+    make_ensemble_actor,
+)
 
 OBSERVATION, ACTION, MEMBERS, HIDDEN = 5, 2, 2, (16, 16)
 #: Makes another name of an entry.
@@ -106,6 +112,19 @@ class Networks:
             )
 
         return self._once("deterministic_actor", make)
+
+    @property
+    def ensemble_actor(self) -> TensorDictModule:
+        """Several deterministic policies as one."""
+
+        def make() -> TensorDictModule:
+            out_keys = [self.rename(key) for key in ("action_members", "action", "doubt")]
+            in_keys = [self.rename("observation")]
+            return make_ensemble_actor(
+                OBSERVATION, ACTION, HIDDEN, members=MEMBERS, in_keys=in_keys, out_keys=out_keys
+            )
+
+        return self._once("ensemble_actor", make)
 
     @property
     def temperature(self) -> Temperature:

@@ -17,6 +17,7 @@ from haim_torchrl.objectives import (
     CloningAnchorLoss,
     ConservativePreferenceLoss,
     CostCriticLoss,
+    EnsembleCloningLoss,
     ExplicitInterventionLoss,
     ImplicitInterventionLoss,
     LinearPreferenceLoss,
@@ -197,6 +198,23 @@ ANCHOR = LossCase(
     ensemble=False,
 )
 
+ENSEMBLE = LossCase(
+    "ensemble cloning",
+    lambda n: EnsembleCloningLoss(n.ensemble_actor, reduction=n.reduction),
+    losses=("loss_cloning",),
+    reads=frozenset({"observation", "action"}),
+    keys={
+        **WEIGHTED,
+        "action": "action",
+        "action_members": "action_members",
+        "doubt": "doubt",
+    },
+    trains={"loss_cloning": ACTOR},
+    shares=frozenset({"ensemble_actor"}),
+    draws=False,
+    ensemble=False,
+)
+
 TERMS = (
     PROXY,
     PROXY_WITHOUT_STARTS,
@@ -210,4 +228,5 @@ TERMS = (
     TEMPERATURE,
     actor_case("explicit", "implicit"),
     ANCHOR,
+    ENSEMBLE,
 )

@@ -97,6 +97,7 @@ def test_data_under_other_names_gives_the_same(case: LossCase, rename: Rename) -
 def test_keys_set_after_a_call_count_too(case: LossCase) -> None:
     """Of entries that no network reads or writes: nothing of the first call may be left."""
     networks = {"observation", "action", "state_action_value", "state_value", "action_log_prob"}
+    networks |= {"action_members", "doubt"}
     changed = {path: key for path, key in case.keys.items() if key not in networks}
     batch, loss = make_batch().set("priority_weight", torch.arange(1.0, 9.0)), case.build()
     expected, before = evaluate(loss, batch), {last(key) for key in loss.in_keys}

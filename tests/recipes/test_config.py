@@ -67,6 +67,10 @@ def targets(node: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 OTHERS = {
+    "dagger": {
+        "algorithm": ("hg_dagger", "iwr"),
+        "preset": ("dagger_default", "dagger_paper", "dagger_smoke"),
+    },
     "off_policy": {
         "algorithm": ("sac_rs", "sac_lag"),
         "loss": ("sac_rs", "sac_lag"),
@@ -122,7 +126,9 @@ def test_every_file_says_what_it_is(path: Path) -> None:
     assert comments, f"{path} does not begin with a comment"
 
 
-@pytest.mark.parametrize("name", ["haim", "demonstrate", "offline", "evaluate", "off_policy"])
+@pytest.mark.parametrize(
+    "name", ["haim", "dagger", "demonstrate", "offline", "evaluate", "off_policy"]
+)
 def test_recipe_settings_pass_the_checks(name: str) -> None:
     check_config(load(name=name))
 

@@ -19,7 +19,7 @@ def test_policy_with_and_without_mentor(
 ) -> None:
     outcome = command(
         "evaluate", f"checkpoint={trained.folder}", "driver=[policy,policy+mentor]",
-        "eval=validation",
+        "eval.set=validation",
     )  # fmt: skip
     assert outcome.code == 0, outcome.err
     assert "1 validation scenarios" in outcome.out and "policy+mentor" in outcome.out
