@@ -36,7 +36,7 @@ def test_reward_shaping_from_end_to_end(command: Callable[..., Any], tmp_path: P
     kept = state(folder)["parts"]["replay"]
     assert not kept["intervened"]["columns"]
     assert len(rows(folder, "validation")) == 1
-    evaluated = command("evaluate", f"checkpoint={folder}", "eval=validation", "env.horizon=30",
+    evaluated = command("evaluate", f"checkpoint={folder}", "eval.set=validation", "env.horizon=30",
                         "eval.validation.count=1", "eval.pictures=false")  # fmt: skip
     assert evaluated.code == 0, evaluated.err
 
