@@ -140,6 +140,9 @@ def own_ray(cpus: float) -> dict[str, Any]:
         "num_cpus": max(os.cpu_count() or 1, math.ceil(cpus)),
         "num_gpus": 0,
         "object_store_memory": OBJECT_STORE,
+        "_system_config": {
+            "worker_niceness": 0
+        },  # by default anything else on the machine goes first
         "logging_level": "error",
         "log_to_driver": False,
     }
