@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import copy
-import importlib.util
 import math
 import os
 import sys
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from tensordict import TensorDictBase
@@ -86,7 +86,7 @@ def make_ray_collector(
         raise ValueError(f"num_workers is {num_workers}: with Ray there must be at least 1.")
     if cpus_per_worker <= 0.0:
         raise ValueError(f"cpus_per_worker is {cpus_per_worker}: it must be positive.")
-    if importlib.util.find_spec("ray") is None:
+    if find_spec("ray") is None:
         raise ClusterError('collector=ray needs Ray: pip install "haim-torchrl[ray]"')
     builders = collected_envs(
         env_factory,

@@ -129,12 +129,12 @@ def test_a_cluster_that_is_too_small(ray_here, actor):
     ],
 )
 def test_numbers_that_do_not_fit(monkeypatch, actor, options, message):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: SimpleNamespace())
+    monkeypatch.setattr(cluster, "find_spec", lambda name: SimpleNamespace())
     with pytest.raises(ValueError, match=message):
         make_ray_collector(pendulum(), actor, **{"frames_per_batch": 4, **options})
 
 
 def test_without_ray_the_package_is_named(monkeypatch, actor):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
     with pytest.raises(ClusterError, match=r"pip install \"haim-torchrl\[ray\]\""):
         make_ray_collector(pendulum(), actor, frames_per_batch=4)

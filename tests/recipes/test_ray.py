@@ -10,22 +10,20 @@ from typing import Any
 
 import pytest
 
-FOUND = importlib.util.find_spec
+from haim_torchrl.collectors import cluster
 
 
 def test_without_ray_one_sentence_names_the_extra(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: Callable[..., Any]
 ) -> None:
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *of: None if name == "ray" else FOUND(name, *of)
-    )
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
     outcome = command("haim", "preset=smoke", "collector=ray")
     assert outcome.code == 2
     assert 'pip install "haim-torchrl[ray]"' in outcome.err and "Traceback" not in outcome.err
     assert not list(tmp_path.glob("runs/smoke/*"))
 
 
-@pytest.mark.skipif(FOUND("ray") is None, reason="Ray is an extra")
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is an extra")
 def test_a_run_starts_a_ray_of_its_own_and_ends_it(
     tmp_path: Path, command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -40,11 +38,3 @@ def test_a_run_starts_a_ray_of_its_own_and_ends_it(
     *_, row = csv.DictReader((folder / "train.csv").open())
     assert (row["frames"], row["updates"]) == ("300", "20")  # a tenth of those after 100
     assert len(list(folder.glob("session-*.jsonl"))) == 2  # one for each worker
-
-    # Another number of workers has no state to go on from.
-    more = command(
-        "haim", f"resume={folder}", "total_frames=600",
-        "collector.num_workers=1", "eval.pictures=false",
-    )  # fmt: skip
-    assert more.code == 2 and "use collector.num_workers=2" in more.err
-    assert not ray.is_initialized()
