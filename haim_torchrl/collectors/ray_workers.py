@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import ray
+from ray._private import ray_constants
 from ray.exceptions import GetTimeoutError, RayError
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
@@ -16,6 +18,8 @@ from torchrl.collectors.distributed import RayCollector
 from haim_torchrl.collectors.cluster import ClusterError
 from haim_torchrl.collectors.mixed_policy import CollectedEnv
 
+RAISED = re.compile(r"[\w.]*(Error|Exception): ")
+"""How the last part of a traceback begins."""
 CLOSING = 10.0
 """Seconds that workers have for closing their environments."""
 
@@ -67,14 +71,15 @@ class RayWorkers(RayCollector):
         try:
             wanted = len(builders) * arguments["remote_configs"]["num_cpus"]
             _connect(arguments["ray_init_config"], wanted)
-            super().__init__(
-                list(builders),
-                policy,
-                collector_class=WorkerCollector,
-                sync=True,
-                weight_sync_schemes={},
-                **arguments,
-            )
+            with _in_a_sentence():
+                super().__init__(
+                    list(builders),
+                    policy,
+                    collector_class=WorkerCollector,
+                    sync=True,
+                    weight_sync_schemes={},
+                    **arguments,
+                )
             self._weight_sync_initialized = True  # what iterator() below does
             self._trained_policy = trained_policy
             self._on_workers("__ray_ready__")
@@ -154,7 +159,8 @@ def _connect(config: dict[str, Any], cpus: float) -> None:
     """Start or join a cluster, unless this process belongs to one already."""
     if not ray.is_initialized():
         try:
-            ray.init(**config)
+            with _loopback(config["address"] == "local"):
+                ray.init(**config)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise ClusterError(
                 f"no Ray cluster at collector.address={config['address']}: {_sentence(error)}; "
@@ -166,6 +172,17 @@ def _connect(config: dict[str, Any], cpus: float) -> None:
             f"the Ray cluster has {has:g} CPUs and collector.num_workers with "
             f"collector.cpus_per_worker asks for {cpus:g}: lower one of them"
         )
+
+
+@contextlib.contextmanager
+def _loopback(wanted: bool) -> Iterator[None]:
+    """Let Ray stay on 127.0.0.1, which on Linux it otherwise replaces by an outer address."""
+    former = ray_constants.ENABLE_RAY_CLUSTER
+    ray_constants.ENABLE_RAY_CLUSTER = former and not wanted
+    try:
+        yield
+    finally:
+        ray_constants.ENABLE_RAY_CLUSTER = former
 
 
 @contextlib.contextmanager
@@ -182,5 +199,7 @@ def _sentence(error: BaseException) -> str:
     if isinstance(cause, BaseException):
         return " ".join(str(cause).split()) or type(cause).__name__
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    built = "creation task" in lines[0] if lines else False
-    return (lines[-1] if built else lines[0]).rstrip(".") if lines else type(error).__name__
+    if lines and "creation task" in lines[0]:  # a traceback follows, its exception comes last
+        last = max(i for i, line in enumerate(lines) if i == 0 or RAISED.match(line))
+        lines = [" ".join(lines[last:])]
+    return lines[0].rstrip(".") if lines else type(error).__name__
