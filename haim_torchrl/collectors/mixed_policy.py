@@ -106,28 +106,15 @@ def make_collector(
         >>> [int(batch["intervention"].sum()) for batch in collector]
         [10, 10]
     """
-    factories = _factories(env_factory, num_workers)
-    if frames_per_batch < 1 or frames_per_batch % len(factories):
-        raise ValueError(
-            f"frames_per_batch is {frames_per_batch}: it must be a positive multiple of the "
-            f"{len(factories)} environments that collect at once."
-        )
-    if 0 <= total_frames < init_random_frames:
-        raise ValueError(
-            f"init_random_frames is {init_random_frames}, more than total_frames {total_frames}: "
-            "the agent would never act."
-        )
-    seeds = np.random.SeedSequence(seed).spawn(len(factories)) if seed is not None else None
-    builders = [
-        CollectedEnv(
-            factory,
-            seed=None if seeds is None else int(seeds[index].generate_state(1)[0]),
-            in_worker=num_workers > 0,
-            pace=pace,
-            total_frames=total_frames,
-        )
-        for index, factory in enumerate(factories)
-    ]
+    builders = collected_envs(
+        env_factory,
+        num_workers,
+        frames_per_batch=frames_per_batch,
+        total_frames=total_frames,
+        init_random_frames=init_random_frames,
+        seed=seed,
+        pace=pace,
+    )
     arguments: dict[str, Any] = {
         "frames_per_batch": frames_per_batch,
         "total_frames": total_frames,
@@ -153,6 +140,57 @@ def make_collector(
         collector = MultiSyncCollector(builders, acting, **arguments)
     collector._trained_policy = acting  # a collector holds what it copies weights from weakly
     return collector
+
+
+def collected_envs(
+    env_factory: EnvFactory | Sequence[EnvFactory],
+    workers: int,
+    *,
+    frames_per_batch: int,
+    total_frames: int = -1,
+    init_random_frames: int = 0,
+    seed: int | None = None,
+    pace: float | None = None,
+) -> list[CollectedEnv]:
+    """What each collecting process builds its environment with.
+
+    The streams of seeds depend on nothing but ``seed`` and the number of environments, so that it
+    makes no difference to the data where the processes run.
+
+    Args:
+        env_factory: builds the bare environment; or one factory for each worker.
+        workers: processes beside this one; 0 for one environment in this process.
+        frames_per_batch: steps in a batch, over all of them.
+        total_frames: steps until the collector stops, -1 for no end.
+        init_random_frames: steps of uniform actions at the start.
+        seed: seeds all of them, each with a stream of its own; None leaves them unseeded.
+        pace: steps per second; None drives as fast as it goes.
+
+    Raises:
+        ValueError: numbers that do not fit together.
+    """
+    factories = _factories(env_factory, workers)
+    if frames_per_batch < 1 or frames_per_batch % len(factories):
+        raise ValueError(
+            f"frames_per_batch is {frames_per_batch}: it must be a positive multiple of the "
+            f"{len(factories)} environments that collect at once."
+        )
+    if 0 <= total_frames < init_random_frames:
+        raise ValueError(
+            f"init_random_frames is {init_random_frames}, more than total_frames {total_frames}: "
+            "the agent would never act."
+        )
+    seeds = np.random.SeedSequence(seed).spawn(len(factories)) if seed is not None else None
+    return [
+        CollectedEnv(
+            factory,
+            seed=None if seeds is None else int(seeds[index].generate_state(1)[0]),
+            in_worker=workers > 0,
+            pace=pace,
+            total_frames=total_frames,
+        )
+        for index, factory in enumerate(factories)
+    ]
 
 
 @contextmanager

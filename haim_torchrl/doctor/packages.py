@@ -21,6 +21,8 @@ OPTIONAL = (
     ("minari", "demonstrations in Minari's format", "minari"),
     ("metadrive-simulator", "env=metadrive", "haim-torchrl[metadrive]"),
     ("carla", "env=carla", "haim-torchrl[carla]"),
+    ("ray", "collector=ray", "haim-torchrl[ray]"),
+    ("hydra-submitit-launcher", "hydra/launcher=submitit_slurm", "haim-torchrl[submitit]"),
     ("wandb", "logger=wandb", "haim-torchrl[wandb]"),
     ("stable-baselines3", "the benchmark against it", "haim-torchrl[bench]"),
 )

@@ -19,6 +19,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from haim_torchrl.collectors import ClusterError
 from haim_torchrl.evaluation.checkpoint import CheckpointError, find_checkpoint
 from haim_torchrl.evaluation.config import ConfigError
 from haim_torchrl.evaluation.schema import register_schemas
@@ -88,7 +89,7 @@ def reporting(verbose: bool | None = None, *, go_on: bool = False) -> Iterator[N
         if _verbose:
             raise
         _fail(error, BAD_INPUT, go_on)
-    except (RunFailed, FileExistsError) as error:
+    except (RunFailed, ClusterError, FileExistsError) as error:
         if _verbose:
             raise
         _fail(error, FAILED, go_on)

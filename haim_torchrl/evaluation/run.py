@@ -12,7 +12,12 @@ from tensordict import TensorDictBase
 from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
-from haim_torchrl.collectors import LiveCollector, LiveCollectorError, resume_collector
+from haim_torchrl.collectors import (
+    ClusterError,
+    LiveCollector,
+    LiveCollectorError,
+    resume_collector,
+)
 from haim_torchrl.data.batches import DatasetBatches
 from haim_torchrl.data.session import SessionError
 from haim_torchrl.evaluation.assembly import World
@@ -103,7 +108,7 @@ class Run:
 
         Raises:
             RunFailed: If it drives a session again, and that ends or is departed from, or if a
-                live collector cannot go on.
+                live collector or a worker on a cluster cannot go on.
         """
         try:
             for batch in self.collector:
@@ -113,7 +118,7 @@ class Run:
                     return
         except PersonQuit:
             interrupt.wish()
-        except (SessionError, LiveCollectorError) as error:
+        except (SessionError, LiveCollectorError, ClusterError) as error:
             raise RunFailed(f"{error}. The last good checkpoint is {self.last()}.") from error
 
     def save(self) -> Path:
@@ -172,7 +177,7 @@ class Run:
             )
         try:
             resume_collector(self.collector, contents["collector"])
-        except SessionError as error:
+        except (SessionError, ClusterError) as error:
             raise CheckpointError(f"checkpoint {path} cannot be gone on from: {error}") from error
         self.log.restart_episodes()
         self._choices = dict(contents["choices"])
