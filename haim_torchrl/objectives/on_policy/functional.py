@@ -99,18 +99,19 @@ class EpisodeMean(NamedTuple):
     length: Tensor
 
 
-def episode_mean(cost: Tensor, done: Tensor) -> EpisodeMean | None:
+def episode_mean(cost: Tensor, done: Tensor) -> EpisodeMean:
     """Mean cost and length of an episode, estimated from a batch of consecutive steps.
 
-    All cost of the batch, over the number of episodes that ended in it: episodes that reach over
-    the edge of a batch are neither lost nor counted twice in the long run.
+    All cost of the batch over the number of episodes that ended in it: what reaches over the edge
+    of a batch is neither lost nor counted twice in the long run. A batch in which none ended counts
+    as one.
 
     Args:
         cost: of each step, ``[..., 1]``.
         done: whether the step ended its episode, bool, ``[..., 1]``.
 
     Returns:
-        The means; None if no episode ended.
+        The means.
 
     Examples:
         >>> done = torch.tensor([[False], [True], [False], [True]])
@@ -118,7 +119,11 @@ def episode_mean(cost: Tensor, done: Tensor) -> EpisodeMean | None:
         >>> float(mean.cost), float(mean.length)
         (0.5, 2.0)
     """
-    ended = done.sum()
-    if not ended:
-        return None
-    return EpisodeMean(cost.sum() / ended, torch.as_tensor(done.numel()) / ended)
+    ended = done.sum().clamp_min(1)
+    return EpisodeMean(cost.sum() / ended, done.numel() / ended)
+
+
+def standardised(values: Tensor) -> Tensor:
+    """The same with mean 0 and standard deviation 1; with mean 0 alone where all are equal."""
+    centred = values - values.mean()
+    return centred / centred.square().mean().sqrt().clamp_min(1e-8)
