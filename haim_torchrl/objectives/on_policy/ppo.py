@@ -100,9 +100,8 @@ class ProximalLearner(OnPolicyLearner):
         """
 
     def judge(self, data: TensorDictBase) -> None:
-        """Writes ``advantage``, with mean 0 and standard deviation 1, and ``value_target``."""
+        """Writes ``advantage`` and ``value_target``; the former is standardised afterwards."""
         self.advantage(data)
-        data["advantage"] = standardised(data["advantage"])
 
     def figures(self) -> dict[str, Tensor]:
         """Further diagnostics of the last batch."""
@@ -113,6 +112,7 @@ class ProximalLearner(OnPolicyLearner):
         data = self.prepare(batch)
         data["next", LEARNED_REWARD] = self.reward(data)
         self.judge(data)
+        data["advantage"] = standardised(data["advantage"])
         for minibatch in self.minibatches(data):
             yield self.update(minibatch).update(self.figures())
 

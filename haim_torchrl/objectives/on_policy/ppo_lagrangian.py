@@ -24,10 +24,11 @@ class PPOLagrangianLearner(ProximalLearner):
 
     The cost has values and advantages of its own. Its advantage is taken off that of the reward
     (:func:`~haim_torchrl.objectives.on_policy.functional.penalised_advantage`), at a price that
-    rises while episodes cost more than the limit. The reward's advantage is standardised and the
-    cost's is centred, so that a price of 1 weighs an expected collision as one standard deviation
-    of the reward's advantage. Ray, Achiam and Amodei, "Benchmarking Safe Exploration in Deep
-    Reinforcement Learning" (2019); Stooke, Achiam and Abbeel (ICML 2020).
+    rises while episodes cost more than the limit, and is in units of reward per cost: both
+    advantages are combined as they are, and what results is standardised. (Standardised before,
+    the reward's would grow beside the cost's as the policy's spread becomes small.) Ray, Achiam and
+    Amodei, "Benchmarking Safe Exploration in Deep Reinforcement Learning" (2019); Stooke, Achiam
+    and Abbeel (ICML 2020).
 
     Args:
         actor: the policy.
@@ -75,9 +76,8 @@ class PPOLagrangianLearner(ProximalLearner):
         self.cost_advantage(data)
         after = data["next"]
         self.multiplier.update(episode_mean(after[self.cost_key], after["done"]).cost)
-        cost_advantage = data["cost_advantage"] - data["cost_advantage"].mean()
         data["advantage"] = penalised_advantage(
-            data["advantage"], cost_advantage, self.multiplier.value
+            data["advantage"], data["cost_advantage"], self.multiplier.value
         )
 
     def figures(self) -> dict[str, Tensor]:
