@@ -15,6 +15,7 @@ from typing import Any
 
 import hydra
 from omegaconf import DictConfig
+from torch.nn import Identity
 
 from haim_torchrl.collectors import shutting_down
 from haim_torchrl.evaluation.assembly import (
@@ -69,6 +70,7 @@ def train(config: DictConfig) -> Path:
         policy.actor,
         total_frames=config.total_frames,
         seed=config.seed,
+        postproc=Identity(),  # nobody takes over: transitions are as the world makes them
     )
     logger = build_logger(config)
     folder = open_folder(config)

@@ -144,10 +144,8 @@ def _check_training(config: DictConfig) -> None:
         )
     if "replay" in config:
         _check_replay(config)
-    if "cost_limit" in config and config.cost_limit < 0.0:
-        raise ConfigError(f"cost_limit must be at least 0; got {config.cost_limit}")
     if "discriminator" in config:
-        _check_imitation(config)
+        _check_on_policy(config)
 
 
 def _check_replay(config: DictConfig) -> None:
@@ -171,7 +169,16 @@ def _check_replay(config: DictConfig) -> None:
         )
 
 
-def _check_imitation(config: DictConfig) -> None:
+def _check_on_policy(config: DictConfig) -> None:
+    if config.cost_limit < 0.0:
+        raise ConfigError(f"cost_limit must be at least 0; got {config.cost_limit}")
+    if drives_live(config):
+        raise ConfigError(
+            "collector=live does not wait for the learner, and an on-policy learner must not be "
+            "behind; use collector=sync or collector=parallel"
+        )
+    if config.record:
+        raise ConfigError("record=true writes down who drove, and here nobody takes over; leave it")
     imitates = str(config.algorithm.get("_target_", "")).endswith(".GAILLearner")
     if imitates and config.demonstrations is None:
         raise ConfigError(
@@ -180,8 +187,8 @@ def _check_imitation(config: DictConfig) -> None:
         )
     if config.demonstrations is not None and not imitates:
         raise ConfigError(
-            f"demonstrations={config.demonstrations} is given, but algorithm={config.name} imitates "
-            "nobody; use algorithm=gail"
+            f"demonstrations={config.demonstrations} is given, but this algorithm imitates nobody; "
+            "use algorithm=gail"
         )
 
 

@@ -132,7 +132,8 @@ class CPOLearner(OnPolicyLearner):
         parameters = list(self.actor.parameters())
         gain, cost, divergence = self._measure(data)
         gradients = [
-            flat(torch.autograd.grad(value, parameters, retain_graph=True)) for value in (gain, cost)
+            flat(torch.autograd.grad(value, parameters, retain_graph=True))
+            for value in (gain, cost)
         ]
         slopes = flat(torch.autograd.grad(divergence, parameters, create_graph=True))
 

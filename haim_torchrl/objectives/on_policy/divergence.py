@@ -62,9 +62,7 @@ class PolicyDivergenceLoss(PolicyTerm):
         """
         seen = batch.tensordict.select(*self.actor_network.in_keys)
         seen.batch_size = []
-        new = self._policy.run(
-            self.actor_network_params, self.actor_network.get_dist_params, seen
-        )
+        new = self._policy.run(self.actor_network_params, self.actor_network.get_dist_params, seen)
         old = batch.read(self.tensor_keys.loc), batch.read(self.tensor_keys.scale)
         divergence = gaussian_kl(*old, new.get("loc"), new.get("scale"))
         return {"loss_divergence": self._reduce(self.coefficient * divergence, batch)}

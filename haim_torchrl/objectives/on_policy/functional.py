@@ -1,4 +1,4 @@
-"""The formulas of the on-policy baselines, as pure functions of tensors (only torch is imported).
+"""Formulas of the on-policy baselines, as pure functions of tensors (only torch is imported).
 
 Whatever is one number per transition has the shape ``[..., 1]``, a Gaussian's mean and spread
 ``[..., A]``.
@@ -8,44 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import torch
 from torch import Tensor
 from torch.nn.functional import softplus
-
-
-def shaped_reward(reward: Tensor, cost: Tensor, weight: float) -> Tensor:
-    """The reward less what the cost weighs: the paper's "reward shaping".
-
-    Args:
-        reward: of the environment, ``[..., 1]``.
-        cost: +1 for each collision, ``[..., 1]``.
-        weight: reward that a cost of 1 takes away.
-
-    Returns:
-        ``reward - weight * cost``, ``[..., 1]``.
-    """
-    return reward - weight * cost
-
-
-def penalised_advantage(advantage: Tensor, cost_advantage: Tensor, multiplier: Tensor) -> Tensor:
-    r"""Advantage under a Lagrange multiplier, :math:`(A_r - \lambda A_c) / (1 + \lambda)`.
-
-    The denominator keeps the scale, and with it the step, whatever the multiplier (Stooke et al.,
-    "Responsive Safety in Reinforcement Learning by PID Lagrangian Methods", ICML 2020, eq 9).
-
-    Args:
-        advantage: of the reward, ``[..., 1]``.
-        cost_advantage: of the cost, ``[..., 1]``.
-        multiplier: λ ≥ 0, a scalar.
-
-    Returns:
-        Advantage, ``[..., 1]``.
-
-    Examples:
-        >>> penalised_advantage(torch.tensor([2.0]), torch.tensor([1.0]), torch.tensor(3.0))
-        tensor([-0.2500])
-    """
-    return (advantage - multiplier * cost_advantage) / (1.0 + multiplier)
 
 
 def imitation_reward(logits: Tensor) -> Tensor:
@@ -62,6 +26,7 @@ def imitation_reward(logits: Tensor) -> Tensor:
         Reward, ``[..., 1]``, never negative.
 
     Examples:
+        >>> import torch
         >>> imitation_reward(torch.tensor([0.0]))
         tensor([0.6931])
     """
@@ -114,6 +79,7 @@ def episode_mean(cost: Tensor, done: Tensor) -> EpisodeMean:
         The means.
 
     Examples:
+        >>> import torch
         >>> done = torch.tensor([[False], [True], [False], [True]])
         >>> mean = episode_mean(torch.tensor([[0.0], [1.0], [0.0], [0.0]]), done)
         >>> float(mean.cost), float(mean.length)

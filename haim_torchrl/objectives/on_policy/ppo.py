@@ -12,8 +12,9 @@ from torch.optim import Adam
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 
+from haim_torchrl.objectives.functional import shaped_reward
 from haim_torchrl.objectives.on_policy.divergence import PolicyDivergenceLoss
-from haim_torchrl.objectives.on_policy.functional import shaped_reward, standardised
+from haim_torchrl.objectives.on_policy.functional import standardised
 from haim_torchrl.objectives.on_policy.learner import (
     LEARNED_REWARD,
     JointLoss,

@@ -9,11 +9,9 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.modules import ProbabilisticActor
 
+from haim_torchrl.objectives.functional import penalised_value
 from haim_torchrl.objectives.lagrange import LagrangeMultiplier
-from haim_torchrl.objectives.on_policy.functional import (
-    episode_mean,
-    penalised_advantage,
-)
+from haim_torchrl.objectives.on_policy.functional import episode_mean
 from haim_torchrl.objectives.on_policy.learner import ValueFactory
 from haim_torchrl.objectives.on_policy.ppo import ProximalLearner
 from haim_torchrl.objectives.on_policy.value import StateValueLoss
@@ -23,9 +21,8 @@ class PPOLagrangianLearner(ProximalLearner):
     """Proximal policy optimisation under a limit of the cost, with a Lagrange multiplier.
 
     The cost has values and advantages of its own. Its advantage is taken off that of the reward
-    (:func:`~haim_torchrl.objectives.on_policy.functional.penalised_advantage`), at a price that
-    rises while episodes cost more than the limit, and is in units of reward per cost: both
-    advantages are combined as they are, and what results is standardised. (Standardised before,
+    (:func:`~haim_torchrl.objectives.functional.penalised_value`), at a price that rises while
+    episodes cost more than the limit, and is in units of reward per cost: both advantages are combined as they are, and what results is standardised. (Standardised before,
     the reward's would grow beside the cost's as the policy's spread becomes small.) Ray, Achiam and
     Amodei, "Benchmarking Safe Exploration in Deep Reinforcement Learning" (2019); Stooke, Achiam
     and Abbeel (ICML 2020).
@@ -76,7 +73,7 @@ class PPOLagrangianLearner(ProximalLearner):
         self.cost_advantage(data)
         after = data["next"]
         self.multiplier.update(episode_mean(after[self.cost_key], after["done"]).cost)
-        data["advantage"] = penalised_advantage(
+        data["advantage"] = penalised_value(
             data["advantage"], data["cost_advantage"], self.multiplier.value
         )
 
