@@ -93,8 +93,9 @@ class CPOLearner(OnPolicyLearner):
             out_key = f"{prefix}value" if prefix else "state_value"
             value = make_value(out_key=out_key)
             self._estimators.append(self.make_advantage(value, key, prefix))
-            losses[f"{prefix}value"] = StateValueLoss(value, name=f"{prefix}value")
-            losses[f"{prefix}value"].set_keys(value=out_key, value_target=f"{prefix}value_target")
+            term = StateValueLoss(value, name=f"{prefix}value")
+            term.set_keys(value=out_key, value_target=f"{prefix}value_target")
+            losses[term.loss_name] = term
         loss = JointLoss(losses)
         optimizer = Adam(loss.parameters(), lr=value_lr, fused=True)
         self.update_values = UpdateStep(loss, optimizer)
@@ -131,10 +132,10 @@ class CPOLearner(OnPolicyLearner):
         excess = (episode.cost - self.limit) / episode.length
         parameters = list(self.actor.parameters())
         gain, cost, divergence = self._measure(data)
-        gradients = [
+        gradient, cost_gradient = (
             flat(torch.autograd.grad(value, parameters, retain_graph=True))
             for value in (gain, cost)
-        ]
+        )
         slopes = flat(torch.autograd.grad(divergence, parameters, create_graph=True))
 
         def fisher(vector: Tensor) -> Tensor:
@@ -142,7 +143,7 @@ class CPOLearner(OnPolicyLearner):
             return flat(image) + self.damping * vector
 
         solve = partial(conjugate_gradient, fisher, iterations=self.solver_iterations)
-        full = constrained_step(*gradients, excess, solve, self.max_kl)
+        full = constrained_step(gradient, cost_gradient, excess, solve, self.max_kl)
         start = flat(parameters).detach()
         reached = {"divergence": torch.zeros_like(excess)}
 
@@ -161,7 +162,7 @@ class CPOLearner(OnPolicyLearner):
         assign(parameters, start + vector)
         return TensorDict(
             {
-                "divergence": reached["divergence"] * (share > 0.0),
+                "divergence": reached["divergence"] if share else torch.zeros_like(excess),
                 "episode_cost": episode.cost,
                 "price": full.price,
                 "recovery": torch.tensor(float(full.recovery)),

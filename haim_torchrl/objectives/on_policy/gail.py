@@ -68,7 +68,7 @@ class GAILLearner(ProximalLearner):
             raise ValueError(f"gradient_penalty must be at least 0, got {gradient_penalty}.")
         (self._seen,) = actor.in_keys
         device = next(actor.parameters()).device
-        pairs = demonstrations.reshape(-1).select(self._seen, "action").to(device)
+        pairs = demonstrations.select(self._seen, "action").to(device)
         if not len(pairs):
             raise ValueError("demonstrations must hold at least one transition, got none.")
         self.demonstrations = pairs

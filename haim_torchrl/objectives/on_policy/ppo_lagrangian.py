@@ -22,10 +22,11 @@ class PPOLagrangianLearner(ProximalLearner):
 
     The cost has values and advantages of its own. Its advantage is taken off that of the reward
     (:func:`~haim_torchrl.objectives.functional.penalised_value`), at a price that rises while
-    episodes cost more than the limit, and is in units of reward per cost: both advantages are combined as they are, and what results is standardised. (Standardised before,
-    the reward's would grow beside the cost's as the policy's spread becomes small.) Ray, Achiam and
-    Amodei, "Benchmarking Safe Exploration in Deep Reinforcement Learning" (2019); Stooke, Achiam
-    and Abbeel (ICML 2020).
+    episodes cost more than the limit, and is in units of reward per cost: both advantages are
+    combined as they are, and what results is standardised. (Standardised before, the reward's would
+    grow beside the cost's as the policy's spread becomes small.) Ray, Achiam and Amodei,
+    "Benchmarking Safe Exploration in Deep Reinforcement Learning" (2019); Stooke, Achiam and Abbeel
+    (ICML 2020).
 
     Args:
         actor: the policy.
