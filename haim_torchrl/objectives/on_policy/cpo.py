@@ -165,8 +165,8 @@ class CPOLearner(OnPolicyLearner):
                 "divergence": reached["divergence"] if share else torch.zeros_like(excess),
                 "episode_cost": episode.cost,
                 "price": full.price,
-                "recovery": torch.tensor(float(full.recovery)),
-                "step_share": torch.tensor(share),
+                "recovery": torch.full_like(excess, full.recovery),
+                "step_share": torch.full_like(excess, share),
             }
         )
 

@@ -83,7 +83,7 @@ def test_an_objective_that_is_the_cost_goes_to_the_limit_and_no_further() -> Non
 def test_a_cost_that_nothing_changes_is_no_constraint() -> None:
     g = torch.tensor([2.0, 0.0]).double()
     step = constrained_step(
-        g, torch.zeros_like(g), torch.tensor(1.0, dtype=torch.float64), solve, 0.5
+        g, torch.zeros_like(g), torch.tensor(1.0, dtype=torch.float64), torch.clone, 0.5
     )
     torch.testing.assert_close(step.vector, torch.tensor([1.0, 0.0]).double())
 
