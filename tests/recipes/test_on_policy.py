@@ -79,6 +79,24 @@ def test_a_resumed_run_is_the_uninterrupted_one(
     assert torch.equal(one["random"]["torch"], other["random"]["torch"])
 
 
+def test_imitation_of_recorded_demonstrations(
+    tmp_path: Path, command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+    shown = command("demonstrate", "dataset=platoon/short-v0", "env.horizon=100", "steps=150")
+    assert shown.code == 0, shown.err
+    outcome = command(
+        "on_policy", "algorithm=gail", "demonstrations=platoon/short-v0", *SMOKE,
+        "total_frames=200", "algorithm.discriminator_steps=5",
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    (folder,) = (tmp_path / "runs" / "gail").iterdir()
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["name"] == "gail" and metrics["training"]["demonstrations"] == 150
+    assert {"discriminator_loss", "imitation_reward", "taken_for_expert"} <= set(rows(folder)[0])
+
+
 @pytest.mark.parametrize("preset", ["ppo_paper", "cpo_paper", "gail_paper", "on_policy_smoke"])
 def test_presets_pass_the_checks(preset: str) -> None:
     config = load(f"preset={preset}")
@@ -132,7 +150,7 @@ def test_bad_settings_are_one_sentence_and_leave_nothing(
     assert outcome.code == 2
     assert words in outcome.err
     assert len(outcome.err.strip().splitlines()) == 1
-    assert not (tmp_path / "runs").exists()
+    assert list(tmp_path.rglob("*.*")) == []
 
 
 @pytest.mark.parametrize(
