@@ -79,7 +79,7 @@ class PPOLagrangianLearner(ProximalLearner):
         )
 
     def figures(self) -> dict[str, Tensor]:
-        """The price, and what an episode of the last batch cost."""
+        """The price, and the mean cost of an episode that it was last set by."""
         return {
             "multiplier": self.multiplier.value.clone(),
             "episode_cost": self.multiplier.previous_cost.clone(),

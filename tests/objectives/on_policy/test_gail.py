@@ -76,7 +76,7 @@ def test_the_discriminator_learns_to_tell(actor: ProbabilisticActor) -> None:
     figures = list(learner.learn(batch))[-1]
     assert float(figures["taken_for_expert"]) < 0.3
     shown = learner.discriminator(demonstrations())
-    assert float(shown["d_logits"].mean()) > 0.7
+    assert shown["d_logits"].mean().item() > 0.7
 
 
 def test_a_gradient_penalty_can_be_had(actor: ProbabilisticActor) -> None:
