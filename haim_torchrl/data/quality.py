@@ -50,7 +50,7 @@ class Quality:
 
         Args:
             episodes: At least one, each of transitions ``[T]`` as
-                :func:`~.minari.load_episodes` has them.
+                :func:`~.minari_reader.load_episodes` has them.
         """
         ended = [episode["next"] for episode in episodes if episode["next", "done"][-1].any()]
         returns = [after["reward"].sum().item() for after in ended]
