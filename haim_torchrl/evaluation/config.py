@@ -125,22 +125,7 @@ def _check_at_least(settings: Any, group: str, **lowest: int) -> None:
 
 def _check_training(config: DictConfig) -> None:
     train = config.train
-    _check_at_least(
-        train,
-        "train",
-        batch_size=1,
-        learning_starts=0,
-        log_every=1,
-        checkpoint_every=1,
-        validate_every=0,
-        no_takeover_after=1,
-    )
-    if train.updates_per_step <= 0.0:
-        raise ConfigError(f"train.updates_per_step must be positive; got {train.updates_per_step}")
-    if train.max_grad_norm is not None and train.max_grad_norm <= 0.0:
-        raise ConfigError(
-            f"train.max_grad_norm must be positive, or null for none; got {train.max_grad_norm}"
-        )
+    _check_at_least(train, "train", log_every=1, checkpoint_every=1, validate_every=0)
     total, frames = config.total_frames, int(config.collector.get("frames_per_batch", 1))
     if not 1 <= frames <= total:
         raise ConfigError(
@@ -152,6 +137,26 @@ def _check_training(config: DictConfig) -> None:
             f"total_frames ({total}) must be a multiple of collector.frames_per_batch ({frames}); "
             f"use total_frames={total // frames * frames}"
         )
+    if config.eval.checkpoint == "best" and train.validate_every == 0:
+        raise ConfigError(
+            "eval.checkpoint=best needs validations; set train.validate_every above 0 or "
+            "eval.checkpoint=last"
+        )
+    if "replay" in config:
+        _check_replay(config)
+    if "discriminator" in config:
+        _check_on_policy(config)
+
+
+def _check_replay(config: DictConfig) -> None:
+    train, total = config.train, config.total_frames
+    _check_at_least(train, "train", batch_size=1, learning_starts=0, no_takeover_after=1)
+    if train.updates_per_step <= 0.0:
+        raise ConfigError(f"train.updates_per_step must be positive; got {train.updates_per_step}")
+    if train.max_grad_norm is not None and train.max_grad_norm <= 0.0:
+        raise ConfigError(
+            f"train.max_grad_norm must be positive, or null for none; got {train.max_grad_norm}"
+        )
     if train.learning_starts >= total:
         raise ConfigError(
             f"train.learning_starts ({train.learning_starts}) must be below total_frames ({total}),"
@@ -162,10 +167,28 @@ def _check_training(config: DictConfig) -> None:
         raise ConfigError(
             f"replay.capacity ({capacity}) must be at least train.batch_size ({train.batch_size})"
         )
-    if config.eval.checkpoint == "best" and train.validate_every == 0:
+
+
+def _check_on_policy(config: DictConfig) -> None:
+    if config.cost_limit < 0.0:
+        raise ConfigError(f"cost_limit must be at least 0; got {config.cost_limit}")
+    if drives_live(config):
         raise ConfigError(
-            "eval.checkpoint=best needs validations; set train.validate_every above 0 or "
-            "eval.checkpoint=last"
+            "collector=live does not wait for the learner, and an on-policy learner must not be "
+            "behind; use collector=sync or collector=parallel"
+        )
+    if config.record:
+        raise ConfigError("record=true writes down who drove, and here nobody takes over; leave it")
+    imitates = str(config.algorithm.get("_target_", "")).endswith(".GAILLearner")
+    if imitates and config.demonstrations is None:
+        raise ConfigError(
+            "demonstrations has no value; algorithm=gail needs the id or the folder of a Minari "
+            "dataset"
+        )
+    if config.demonstrations is not None and not imitates:
+        raise ConfigError(
+            f"demonstrations={config.demonstrations} is given, but this algorithm imitates nobody; "
+            "use algorithm=gail"
         )
 
 

@@ -174,6 +174,42 @@ class OffPolicyConfig(RunConfig):
 
 
 @dataclass
+class OnPolicyTrainConfig:
+    """What is due when in ``recipes/on_policy.py``.
+
+    Attributes:
+        log_every: Steps between rows of ``train.csv``.
+        checkpoint_every: Steps between checkpoints; see :class:`TrainConfig`.
+        validate_every: Steps between validations; 0 for none.
+    """
+
+    log_every: int = 2000
+    checkpoint_every: int = 20_000
+    validate_every: int = 20_000
+
+
+@dataclass
+class OnPolicyRunConfig(LearningConfig):
+    """Settings of ``recipes/on_policy.py``.
+
+    Attributes:
+        algorithm: Who learns, and by what.
+        value: The networks for state values.
+        discriminator: The network that tells an expert from the policy.
+        cost_limit: Bound of an episode's mean cost, for the algorithms that hold one.
+        demonstrations: Minari dataset to imitate, for the algorithm that does; else null.
+        train: What is due when.
+    """
+
+    algorithm: dict[str, Any] = field(default_factory=dict)
+    value: dict[str, Any] = field(default_factory=dict)
+    discriminator: dict[str, Any] = field(default_factory=dict)
+    cost_limit: float = 0.1
+    demonstrations: str | None = None
+    train: OnPolicyTrainConfig = field(default_factory=OnPolicyTrainConfig)
+
+
+@dataclass
 class DemonstrateConfig(BaseConfig):
     """Settings of ``recipes/demonstrate.py``.
 
@@ -328,5 +364,6 @@ def register_schemas() -> None:
     store.store(name="demonstrate_schema", node=DemonstrateConfig)
     store.store(name="offline_schema", node=OfflineRunConfig)
     store.store(name="off_policy_schema", node=OffPolicyConfig)
+    store.store(name="on_policy_schema", node=OnPolicyRunConfig)
     store.store(name="evaluate_schema", node=EvaluateConfig)
     store.store(name="report_schema", node=ReportConfig)

@@ -76,6 +76,12 @@ OTHERS = {
         "loss": ("sac_rs", "sac_lag"),
         "preset": ("off_policy", "off_policy_smoke", "sac_paper", "sac_lag_paper"),
     },
+    "on_policy": {
+        "algorithm": ("ppo_rs", "ppo_lag", "cpo", "gail"),
+        "discriminator": ("mlp",),
+        "preset": ("on_policy_default", "on_policy_smoke", "ppo_paper", "cpo_paper", "gail_paper"),
+        "value": ("mlp",),
+    },
     "offline": {
         "algorithm": ("bc", "cql"),
         "preset": ("offline_default", "offline_smoke", "bc_paper", "cql_paper"),
@@ -127,7 +133,7 @@ def test_every_file_says_what_it_is(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["haim", "dagger", "demonstrate", "offline", "evaluate", "off_policy"]
+    "name", ["haim", "dagger", "demonstrate", "offline", "evaluate", "off_policy", "on_policy"]
 )
 def test_recipe_settings_pass_the_checks(name: str) -> None:
     check_config(load(name=name))
