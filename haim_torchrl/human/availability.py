@@ -204,10 +204,12 @@ def display_problem() -> str | None:
             return missing
     try:
         driver = video_driver()
-    except RuntimeError as error:
-        return f"SDL_VIDEODRIVER={wanted} does not open" if wanted else str(error)
-    if wanted or driver not in UNSEEN_DRIVERS:
-        return None
+    except RuntimeError:
+        if wanted:
+            return f"SDL_VIDEODRIVER={wanted} does not open"
+    else:
+        if wanted or driver not in UNSEEN_DRIVERS:
+            return None
     return f"DISPLAY={display} does not answer" if display else missing
 
 

@@ -213,6 +213,7 @@ ENSEMBLE = LossCase(
     shares=frozenset({"ensemble_actor"}),
     draws=False,
     ensemble=False,
+    compiled=True,
 )
 
 TERMS = (
