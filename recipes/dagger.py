@@ -105,14 +105,15 @@ def train(config: DictConfig) -> Path:
                     log.add_losses(update(replay.sample()))
             except NonFiniteLossError as error:
                 raise RunFailed(f"{error} The last good checkpoint is {run.last()}.") from error
-            if interrupt:
-                return
+            if rounds.owed(log.totals["updates"]):
+                return  # interrupted: who resumes does the rest
             policy.update()
             collector.update_policy_weights_()
             success = run.validate().overall["success"].value
             progress.note(f"{rounds.frames} steps: success {success:.2f} on validation")
             log.write_row()
-            run.save()
+            if not interrupt:  # who leaves saves
+                run.save()
 
         # The mentor gates: it takes over and hands back, inside the environment, while the policy
         # of the last round drives. Then the policy learns from all that was aggregated.

@@ -109,10 +109,11 @@ def train(config: DictConfig) -> Path:
         for batch in run.batches(interrupt):
             replay.extend(batch)
             finished = log.add_batch(batch)
-            if multiplier is not None and finished:
+            due = schedule.advance(batch.numel())
+            if multiplier is not None and finished and schedule.learning:
                 multiplier.update(mean(episode.violations for episode in finished))
             try:
-                for _ in range(schedule.advance(batch.numel())):
+                for _ in range(due):
                     log.add_losses(update(replay.sample()))
                     average.update()
             except NonFiniteLossError as error:

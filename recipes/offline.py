@@ -61,7 +61,7 @@ def train(config: DictConfig) -> Path:
     optimizer = Adam(loss.parameters(), lr=settings.lr, fused=True)
     update = UpdateStep(loss, optimizer, targets, max_grad_norm=settings.max_grad_norm)
     average = PolicyAverage(actor, settings.policy_average)
-    data = offline_data(config, world, actor)
+    data = offline_data(config, world, actor, imitates=targets is None)
     replay = build(
         config.replay,
         capacity=len(data),

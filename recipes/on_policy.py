@@ -34,7 +34,7 @@ from haim_torchrl.evaluation.command import (
     register,
     run_command,
 )
-from haim_torchrl.evaluation.demonstrations import load_demonstrations
+from haim_torchrl.evaluation.demonstrations import load_mentor_steps
 from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.evaluation.recipe import conclude, leave, run_recipe
 from haim_torchrl.evaluation.run import Run
@@ -57,7 +57,7 @@ def train(config: DictConfig) -> Path:
     imitation: dict[str, Any] = {}
     if config.demonstrations is not None:
         imitation = {
-            "demonstrations": load_demonstrations(config.demonstrations, world, config),
+            "demonstrations": load_mentor_steps(config.demonstrations, world, config),
             "make_discriminator": partial(
                 build, config.discriminator, sizes.observation, sizes.action, device=device
             ),

@@ -177,6 +177,11 @@ def _check_on_policy(config: DictConfig) -> None:
             "collector=live does not wait for the learner, and an on-policy learner must not be "
             "behind; use collector=sync or collector=parallel"
         )
+    if config.collector.get("init_random_frames", 0):
+        raise ConfigError(
+            "collector.init_random_frames must be 0: an on-policy learner learns from what its own "
+            f"policy drove; got {config.collector.init_random_frames}"
+        )
     if config.record:
         raise ConfigError("record=true writes down who drove, and here nobody takes over; leave it")
     imitates = str(config.algorithm.get("_target_", "")).endswith(".GAILLearner")

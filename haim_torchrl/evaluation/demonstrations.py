@@ -123,6 +123,35 @@ def load_demonstrations(dataset: str, world: World, config: DictConfig) -> Tenso
     return TensorDict.cat(episodes)
 
 
+def load_mentor_steps(dataset: str, world: World, config: DictConfig) -> TensorDict:
+    """Read the steps of a dataset that show how to drive.
+
+    Of a session that was exported, what the mentor did is a demonstration. What the agent did is
+    what it was corrected for.
+
+    Args:
+        dataset: Id of a Minari dataset, or its folder.
+        world: What is to be learned in.
+        config: Settings of the run.
+
+    Returns:
+        Its transitions ``[N]`` with ``intervention``, in their order.
+
+    Raises:
+        ConfigError: As :func:`load_demonstrations`, or if there is no such step.
+    """
+    data = load_demonstrations(dataset, world, config)
+    shown = data[data["intervention"].squeeze(-1)]
+    if not len(shown):
+        raise ConfigError(
+            f"dataset {dataset} holds no step that a mentor drove, so there is nothing to imitate; "
+            "choose another dataset"
+        )
+    if len(shown) < len(data):
+        print(f"dataset {dataset}: a mentor drove {len(shown)} of {len(data)} steps", flush=True)
+    return shown
+
+
 def _load(dataset: str, world: World) -> list[TensorDict]:
     env = world()
     try:

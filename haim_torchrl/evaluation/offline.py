@@ -17,7 +17,7 @@ from haim_torchrl.data.demonstrations import record_demonstrations
 from haim_torchrl.evaluation.assembly import World, build
 from haim_torchrl.evaluation.checkpoint import CheckpointError, find_checkpoint, load_checkpoint
 from haim_torchrl.evaluation.config import ConfigError
-from haim_torchrl.evaluation.demonstrations import load_demonstrations
+from haim_torchrl.evaluation.demonstrations import load_demonstrations, load_mentor_steps
 from haim_torchrl.evaluation.progress import ProgressLine
 from haim_torchrl.objectives import TargetUpdater
 from haim_torchrl.objectives.functional import shaped_reward
@@ -64,13 +64,17 @@ def check_offline(config: DictConfig) -> None:
         )
 
 
-def offline_data(config: DictConfig, world: World, actor: ProbabilisticActor) -> TensorDict:
+def offline_data(
+    config: DictConfig, world: World, actor: ProbabilisticActor, *, imitates: bool
+) -> TensorDict:
     """What is learned from: a dataset, or what the mentor drives now.
 
     Args:
         config: Settings of the run.
         world: Training scenarios without takeovers.
         actor: The policy; what it reads is recorded.
+        imitates: Whether what is learned is to do the same, rather than what comes of it. Steps
+            that an agent drove, in a session that was exported, are left out then.
 
     Returns:
         Transitions ``[N]``. Their reward is the environment's less ``cost_weight`` times its cost.
@@ -80,7 +84,8 @@ def offline_data(config: DictConfig, world: World, actor: ProbabilisticActor) ->
         CheckpointError: If there is no run to be like.
     """
     if config.demonstrations is not None:
-        data = load_demonstrations(config.demonstrations, world, config)
+        load = load_mentor_steps if imitates else load_demonstrations
+        data = load(config.demonstrations, world, config)
     else:
         steps = config.steps if config.like is None else _mentor_steps(config.like)
         with ProgressLine(steps, unit="mentor steps") as progress:

@@ -38,6 +38,7 @@ from haim_torchrl.evaluation.schedule import Schedule
 from haim_torchrl.evaluation.training_log import TrainingLog
 from haim_torchrl.human import PersonQuit
 from haim_torchrl.modules import PolicyAverage
+from haim_torchrl.objectives.resuming import load_learned
 
 
 class Stateful(Protocol):
@@ -148,7 +149,9 @@ class Run:
         return path
 
     def load(self, source: str) -> None:
-        """Continue from a checkpoint of a run with the same settings.
+        """Continue from a checkpoint of a run with the same parts.
+
+        What was learned is the checkpoint's. Settings, such as learning rates, are this run's.
 
         Raises:
             CheckpointError: If it is missing, foreign, of another kind, or does not fit.
@@ -162,7 +165,7 @@ class Run:
         load_module(self.actor, contents["learner"], "actor", path)
         for name, part in self._parts.items():
             try:
-                part.load_state_dict(contents["parts"][name])
+                load_learned(part, contents["parts"][name])
             except (KeyError, RuntimeError, ValueError) as error:
                 raise CheckpointError(
                     f"checkpoint {path} does not fit this run's {name}; resume with the settings "

@@ -37,6 +37,11 @@ class Schedule:
         self._owed -= due
         return due
 
+    @property
+    def learning(self) -> bool:
+        """Whether the last batch reached beyond the steps that nothing is learned in."""
+        return self.frames > self._settings.get("learning_starts", 0)
+
     def due(self, name: str) -> bool:
         """Whether ``log``, ``checkpoint`` or ``validate`` is due: each interval, and at the end."""
         every = self._settings[f"{name}_every"]

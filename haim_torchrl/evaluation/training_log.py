@@ -170,9 +170,9 @@ class TrainingLog:
         return finished
 
     def add_demonstrations(self, data: TensorDictBase) -> None:
-        """Count steps ``[N]`` that the mentor drove alone: its own, and the environment's."""
+        """Count steps ``[N]`` of a dataset, or that the mentor drove alone, and who drove them."""
         self.totals["frames"] += len(data)
-        self.totals["mentor_steps"] += len(data)
+        self.totals["mentor_steps"] += int(data["intervention"].sum())
         cost = data.get(("next", "cost"), None)
         if cost is not None:
             self.totals["violations"] += float(cost.sum())

@@ -12,7 +12,7 @@ from haim_torchrl.data.demonstrations import record_demonstrations
 from haim_torchrl.evaluation.assembly import World, build
 from haim_torchrl.evaluation.command import job_label
 from haim_torchrl.evaluation.config import ConfigError
-from haim_torchrl.evaluation.demonstrations import load_demonstrations
+from haim_torchrl.evaluation.demonstrations import load_mentor_steps
 from haim_torchrl.evaluation.progress import ProgressLine
 
 
@@ -42,9 +42,7 @@ def warm_up(config: DictConfig, steps: int, observation_keys: Sequence[str]) -> 
                 observation_keys=observation_keys,
                 on_step=partial(ProgressLine.update, progress),
             )
-    data = load_demonstrations(config.demonstrations, world, config)
-    # Of a session that was exported, what the mentor did is a demonstration; the rest is not.
-    data = data[data["intervention"].squeeze(-1)]
+    data = load_mentor_steps(config.demonstrations, world, config)
     if len(data) < steps:
         raise ConfigError(
             f"dataset {config.demonstrations} holds {len(data)} demonstrated steps and "

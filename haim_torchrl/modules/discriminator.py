@@ -34,7 +34,7 @@ def make_discriminator(
         in_keys: observation keys, then the action key.
         logits_key: where the log-odds ``[..., 1]`` of the expert go.
         probability_key: where the expert's probability ``[..., 1]`` goes; the default is what
-            TorchRL's ``GAILLoss`` reads as a probability, whatever it is called.
+            TorchRL's ``GAILLoss`` reads as a probability by default, whatever it is called.
         device: where to keep the parameters.
 
     Returns:

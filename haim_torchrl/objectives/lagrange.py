@@ -24,7 +24,8 @@ class LagrangeMultiplier(nn.Module):
     :math:`P = D = 0` and :math:`K_I` the learning rate. The integral starts at ``initial`` and has
     λ's unit; the first update knows no earlier cost, and has no derivative.
 
-    Everything that changes is a buffer, so that ``state_dict`` is the whole state.
+    Everything that changes is a buffer, and nothing else is: ``state_dict`` is what was learned,
+    and a multiplier that goes on from it holds the limit that it was made with.
 
     Args:
         limit: bound d of the mean cost per episode, a sum without discount, ≥ 0. A cost of one
@@ -47,7 +48,6 @@ class LagrangeMultiplier(nn.Module):
     """
 
     value: Tensor
-    limit: Tensor
     integral: Tensor
     previous_cost: Tensor
 
@@ -75,9 +75,9 @@ class LagrangeMultiplier(nn.Module):
             )
         if not 0.0 <= smoothing < 1.0:
             raise ValueError(f"smoothing must lie in [0, 1), got {smoothing}.")
+        self.limit = float(limit)
         self.smoothing = float(smoothing)
         self.gains = (0.0, float(lr), 0.0) if gains is None else tuple(map(float, gains))
-        self.register_buffer("limit", torch.tensor(float(limit)))
         self.register_buffer("value", torch.tensor(float(initial)))
         self.register_buffer("integral", torch.tensor(float(initial)))
         self.register_buffer("previous_cost", torch.tensor(math.inf))  # from there all is a fall

@@ -154,8 +154,11 @@ def test_offline_paper_presets_are_the_papers_tables() -> None:
     assert (cql.objective.temperature, cql.objective.min_q_weight) == (5.0, 0.2)
     assert cql.offline.bc_updates == 200_000
     assert bc.offline.lr == cql.offline.lr == 1e-4
+    assert cql.env.horizon == 1500
     for config in (bc, cql):
         check_offline(config)
+        assert config.demonstrations == "platoon/expert-rays-v0"
+        assert config.env.observation.view == "rays"
 
 
 @pytest.mark.parametrize("preset", ["default", "paper", "smoke"])
@@ -232,6 +235,7 @@ def test_sac_presets_are_the_papers_table() -> None:
     assert config.optimizer.lr == 1e-4 and config.env.horizon == 1500
     assert config.train.learning_starts == 10_000 and config.total_frames == 1_000_000
     assert config.loss.objective.multiplier.limit == 1.0
+    assert config.env.end_on_collision is False
     plain = load("preset=sac_paper", name="off_policy")
     assert plain.loss.objective._target_ == "torchrl.objectives.SACLoss"
     assert (plain.name, config.name) == ("sac_rs", "sac_lag")

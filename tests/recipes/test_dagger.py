@@ -115,6 +115,30 @@ def test_ctrl_c_amid_the_updates_loses_none(
     assert [int(row["frames"]) for row in rows(folder, "validation")] == [100, 150, 200]
 
 
+def test_ctrl_c_in_the_last_update_hands_the_new_policy_over(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = command("dagger", *SMOKE, *CORRECTING, "name=whole")
+    assert whole.code == 0, whole.err
+    with monkeypatch.context() as patch:
+        counted = TrainingLog.add_losses
+
+        def interrupted(log: TrainingLog, losses: Any) -> None:
+            counted(log, losses)
+            if log.totals["updates"] == 20:  # 10 of the warm-up, 10 of the first round
+                signal.raise_signal(signal.SIGINT)
+
+        patch.setattr(TrainingLog, "add_losses", interrupted)
+        stopped = command("dagger", *SMOKE, *CORRECTING, "name=parts")
+    folder, other = (next((tmp_path / "runs" / name).iterdir()) for name in ("whole", "parts"))
+    assert stopped.code == 130
+    assert [int(row["frames"]) for row in rows(other, "validation")] == [100, 150]
+    resumed = command("dagger", f"resume={other}")
+    assert resumed.code == 0, resumed.err
+    assert rows(other, "validation") == rows(folder, "validation")
+    assert rows(other, "train") == rows(folder, "train")
+
+
 def test_the_warm_up_can_be_a_datasets(
     command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

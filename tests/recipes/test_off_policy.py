@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 import torch
 
+from haim_torchrl.objectives import LagrangeMultiplier
+
 SMOKE = ("preset=off_policy_smoke", "eval.pictures=false", "logger=csv")
 
 
@@ -63,6 +65,26 @@ def test_a_resumed_run_with_a_limit_is_the_uninterrupted_one(
     assert all(torch.equal(losses[0][name], losses[1][name]) for name in losses[0])
     assert torch.isfinite(losses[0]["multiplier.previous_cost"])  # an episode has moved it
     assert "multiplier" in rows(one, "train")[-1]
+    new = ("optimizer.lr=1e-5", "loss.gamma=0.5", "algorithm=sac_lag",
+           "loss.objective.multiplier.limit=7")  # fmt: skip
+    changed = command("off_policy", f"resume={other}", "total_frames=350", *new)
+    assert changed.code == 0, changed.err
+    parts = state(other)["parts"]
+    assert {group["lr"] for group in parts["optimizer"]["param_groups"]} == {1e-5}
+    assert float(parts["loss"]["_value_estimator.gamma"]) == 0.5
+
+
+def test_the_price_of_the_cost_moves_once_there_is_learning(
+    command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved: list[float] = []
+    monkeypatch.setattr(LagrangeMultiplier, "update", lambda _, cost: moved.append(cost))
+    # An episode of at most 50 steps ends in each of 6 batches of 50; the last one is learned from.
+    outcome = command("off_policy", *SMOKE, "algorithm=sac_lag", "train.learning_starts=250",
+                      "env.horizon=50", "train.validate_every=0",
+                      "eval.checkpoint=last")  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    assert len(moved) == 1
 
 
 @pytest.mark.parametrize(

@@ -151,9 +151,9 @@ def test_costs_are_taken_off_the_reward_and_actions_kept_off_the_edge() -> None:
                      "acceleration": 1.0}  # fmt: skip
     world = World.of(config, "train", takeovers=False)
     actor = build_actor(config, Sizes.of_world(world), torch.device("cpu"))
-    data = offline_data(config, world, actor)
+    data = offline_data(config, world, actor, imitates=False)
     config.cost_weight = 0.0
-    raw = offline_data(config, world, actor)
+    raw = offline_data(config, world, actor, imitates=False)
     after, cost = data["next"], data["next", "cost"]
     assert cost.sum() > 0
     torch.testing.assert_close(after["reward"], raw["next", "reward"] - 7.0 * cost)

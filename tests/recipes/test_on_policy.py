@@ -113,9 +113,13 @@ def test_the_paper_presets_are_the_papers_tables() -> None:
     cpo = load("preset=cpo_paper")
     assert cpo.name == "cpo" and cpo.collector.frames_per_batch == 8000
     assert cpo.algorithm.limit == 1.0
+    for config in (ppo, cpo):  # a limit of 1 per episode would not bind otherwise
+        assert config.env.end_on_collision is False
     gail = load("preset=gail_paper")
     assert gail.name == "gail" and gail.collector.frames_per_batch == 12_800
     assert gail.algorithm.discriminator_steps == 2000 and gail.algorithm.discriminator_lr == 5e-3
+    assert gail.demonstrations == "platoon/expert-rays-v0"
+    assert gail.algorithm.max_grad_norm is ppo.algorithm.max_grad_norm is None
 
 
 def test_the_files_agree_with_the_types() -> None:
@@ -157,6 +161,7 @@ def test_bad_settings_are_one_sentence_and_leave_nothing(
     ("overrides", "words"),
     [
         (["collector=live"], "collector=live does not wait"),
+        (["collector.init_random_frames=100"], "collector.init_random_frames must be 0"),
         (["record=true"], "record=true writes down who drove"),
         (["train.validate_every=0"], "eval.checkpoint=best needs validations"),
     ],

@@ -17,7 +17,11 @@ def imitation_reward(logits: Tensor) -> Tensor:
 
     D is the probability that the pair is an expert's (1 for the expert, 0 for the policy; Ho and
     Ermon, "Generative Adversarial Imitation Learning", NeurIPS 2016, print the labels the other
-    way round). This form is positive: a policy never gains by ending an episode early.
+    way round). Its sign is a bias of its own where episodes end (Kostrikov et al.,
+    "Discriminator-Actor-Critic", ICLR 2019). This form is positive: a policy never gains by ending
+    an episode early, be it in a collision. But arriving ends the episode as well, and forfeits what
+    driving on would still have paid. The log-odds themselves, :math:`\log D - \log(1 - D)` (Fu,
+    Luo and Levine, AIRL, ICLR 2018), have either sign, and about 0 where both look the same.
 
     Args:
         logits: log-odds of D, ``[..., 1]``.

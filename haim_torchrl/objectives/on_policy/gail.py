@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
-from torch import Tensor
+from torch import Tensor, nn
 from torch.optim import Adam
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import GAILLoss
@@ -24,9 +24,10 @@ class GAILLearner(ProximalLearner):
     """Generative adversarial imitation learning (Ho and Ermon, NeurIPS 2016).
 
     A discriminator learns to tell the pairs of state and action of a batch from those of an expert
-    (TorchRL's ``GAILLoss``); the policy learns by proximal policy optimisation to be taken for the
-    expert (:func:`~haim_torchrl.objectives.on_policy.functional.imitation_reward`). Reward and cost
-    of the environment are not read.
+    (TorchRL's ``GAILLoss``, which is made to read log-odds: of a probability that has come to 0 or
+    1 there is no gradient left). The policy learns by proximal policy optimisation to be taken for
+    the expert (:func:`~haim_torchrl.objectives.on_policy.functional.imitation_reward`). Reward and
+    cost of the environment are not read.
 
     Args:
         actor: the policy.
@@ -37,7 +38,9 @@ class GAILLearner(ProximalLearner):
         discriminator_lr: its learning rate (Adam).
         discriminator_steps: its gradient steps for each batch, at least 1.
         discriminator_batch_size: pairs of each kind in one step, at least 1.
-        gradient_penalty: weight of TorchRL's gradient penalty; 0 for none.
+        gradient_penalty: weight of TorchRL's gradient penalty, on the log-odds; 0 for none.
+        reward: ``positive`` for -log(1 - D), ``logit`` for log D - log(1 - D); see
+            :func:`~haim_torchrl.objectives.on_policy.functional.imitation_reward`.
         **options: of :class:`~haim_torchrl.objectives.on_policy.ppo.ProximalLearner`.
 
     Raises:
@@ -55,6 +58,7 @@ class GAILLearner(ProximalLearner):
         discriminator_steps: int = 100,
         discriminator_batch_size: int = 256,
         gradient_penalty: float = 0.0,
+        reward: str = "positive",
         **options: Any,
     ) -> None:
         super().__init__(actor, make_value, **options)
@@ -66,6 +70,9 @@ class GAILLearner(ProximalLearner):
                 raise ValueError(f"{name} must be at least 1, got {count}.")
         if gradient_penalty < 0.0:
             raise ValueError(f"gradient_penalty must be at least 0, got {gradient_penalty}.")
+        if reward not in ("positive", "logit"):
+            raise ValueError(f"reward must be positive or logit, got {reward!r}.")
+        self.reward_form = reward
         (self._seen,) = actor.in_keys
         device = next(actor.parameters()).device
         pairs = demonstrations.select(self._seen, "action").to(device)
@@ -82,7 +89,8 @@ class GAILLearner(ProximalLearner):
                 use_grad_penalty=gradient_penalty > 0.0,
                 gp_lambda=gradient_penalty,
             )
-        gail.set_keys(expert_observation=self._seen)
+        gail.set_keys(expert_observation=self._seen, discriminator_pred="logits")
+        gail.loss_function = nn.BCEWithLogitsLoss(reduction="none")  # it offers no setting for it
         loss = JointLoss({"discriminator": gail})
         optimizer = Adam(self.discriminator.parameters(), lr=discriminator_lr, fused=True)
         self.discriminate = UpdateStep(loss, optimizer)
@@ -100,7 +108,8 @@ class GAILLearner(ProximalLearner):
         loss = torch.stack([self._tell_apart(own) for _ in range(self.discriminator_steps)]).mean()
         with torch.no_grad():
             judged = self.discriminator(data.select(self._seen, "action"))
-        reward = imitation_reward(judged["logits"])
+        logits = judged["logits"]
+        reward = logits if self.reward_form == "logit" else imitation_reward(logits)
         self._figures = {
             "discriminator_loss": loss,
             "imitation_reward": reward.mean(),

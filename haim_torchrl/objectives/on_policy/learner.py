@@ -13,6 +13,8 @@ from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives.value import GAE
 
+from haim_torchrl.objectives.resuming import load_learned
+
 #: How far from its bounds an action's density is read. There the density of a squashed Gaussian is
 #: a matter of the last bit: in single precision numbers next to 1 are 6e-8 apart.
 ACTION_MARGIN = 1e-6
@@ -151,13 +153,13 @@ class OnPolicyLearner(abc.ABC):
         return {name: part.state_dict() for name, part in self._parts.items()}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Goes on from a saved state.
+        """Goes on from a saved state, with the settings of now (:func:`load_learned`).
 
         Args:
             state_dict: result of :meth:`state_dict`.
         """
         for name, part in self._parts.items():
-            part.load_state_dict(state_dict[name])
+            load_learned(part, state_dict[name])
 
 
 def inside(action: Tensor, low: Tensor, high: Tensor) -> Tensor:

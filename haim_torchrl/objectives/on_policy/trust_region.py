@@ -112,6 +112,8 @@ def constrained_step(
         return Step(free, price, recovery=False)
     room = 2.0 * radius - excess.square() / s
     if room < 0.0:
+        if excess < 0.0:  # all of the region is feasible; s of an inexact solve said otherwise
+            return Step(free, price, recovery=False)
         return Step(-(2.0 * radius / s).sqrt() * natural_cost, price, recovery=True)
     r = gradient @ natural_cost
     across = q - r.square() / s

@@ -79,6 +79,26 @@ def test_the_discriminator_learns_to_tell(actor: ProbabilisticActor) -> None:
     assert shown["d_logits"].mean().item() > 0.7
 
 
+def test_a_discriminator_that_is_sure_and_wrong_still_learns(actor: ProbabilisticActor) -> None:
+    learner = imitator(actor, discriminator_steps=1)
+    with torch.no_grad():  # log-odds of -200 for everything: the probability is 0
+        layers = learner.discriminator[0].module
+        layers[-1].weight.zero_()
+        layers[-1].bias.fill_(-200.0)
+    list(learner.learn(drive(actor, 64, observe=see)))
+    # -log D of the expert's pairs is 200, its slope -1; the policy's pairs have neither.
+    assert float(learner.figures()["discriminator_loss"]) == pytest.approx(200.0, rel=1e-3)
+    assert layers[-1].bias.item() > -200.0
+
+
+def test_the_reward_can_be_the_log_odds(actor: ProbabilisticActor) -> None:
+    learner = imitator(actor, reward="logit", discriminator_steps=1)
+    data = learner.prepare(drive(actor, 64, observe=see))
+    worth = learner.reward(data)
+    torch.testing.assert_close(worth, learner.discriminator(data)["logits"].detach())
+    assert learner.figures()["imitation_reward"].item() == pytest.approx(worth.mean().item())
+
+
 def test_a_gradient_penalty_can_be_had(actor: ProbabilisticActor) -> None:
     learner = imitator(actor, gradient_penalty=1.0)
     assert list(learner.learn(drive(actor, 64, observe=see)))
@@ -88,6 +108,7 @@ def test_a_gradient_penalty_can_be_had(actor: ProbabilisticActor) -> None:
     ("options", "words"),
     [
         ({"discriminator_steps": 0}, "discriminator_steps must be at least 1"),
+        ({"reward": "log"}, "reward must be positive or logit, got 'log'"),
         ({"gradient_penalty": -1.0}, "gradient_penalty must be at least 0"),
         ({"demonstrations": demonstrations(0)}, "at least one transition"),
     ],

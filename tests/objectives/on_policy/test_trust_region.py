@@ -80,6 +80,20 @@ def test_an_objective_that_is_the_cost_goes_to_the_limit_and_no_further() -> Non
     torch.testing.assert_close(step.vector, torch.tensor([0.3, 0.0]).double())
 
 
+def test_an_inexact_solve_is_no_reason_to_recover_from_what_is_feasible() -> None:
+    # b^T H^-1 b comes out a tenth of what it is, as if the edge of the cost were out of reach.
+    g = torch.tensor([1.0, 0.0]).double()
+    b = torch.tensor([1.0, 1e-9]).double()
+
+    def solve(vector: Tensor) -> Tensor:
+        return vector if torch.equal(vector, g) else 0.1 * vector
+
+    for excess, expected, recovery in ((-0.5, 1.0, False), (0.5, -(0.1**0.5), True)):
+        step = constrained_step(g, b, torch.tensor(excess, dtype=torch.float64), solve, 0.5)
+        assert step.recovery is recovery
+        assert step.vector[0].item() == pytest.approx(expected)
+
+
 def test_a_cost_that_nothing_changes_is_no_constraint() -> None:
     g = torch.tensor([2.0, 0.0]).double()
     step = constrained_step(
