@@ -29,8 +29,8 @@ def check_vector(observation_dim: Any) -> None:
     if isinstance(observation_dim, Mapping):
         raise TypeError(
             f"The observation has the entries {', '.join(observation_dim)}, and these networks "
-            "read one vector; use those for images where a recipe has them (actor=cnn "
-            "critic=cnn of recipes/haim.py), or observe numbers (env/observation=numeric)."
+            "read one vector; use those for images (actor=cnn critic=cnn), which recipes/haim.py "
+            "has, or observe numbers (env/observation=numeric)."
         )
 
 

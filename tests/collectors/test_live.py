@@ -38,7 +38,7 @@ def failing_world():
     return Failing(world())
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def actor():
     env = world()
     torch.manual_seed(0)
@@ -56,7 +56,7 @@ def test_hands_out_what_was_driven_while_the_learner_is_slow(actor):
                 continue
             batches.append(batch)
             if len(batches) == 4:
-                time.sleep(1.0)  # a slow update, and new weights after it
+                time.sleep(2.0)  # a slow update, and new weights after it
                 saturate(actor)
                 collector.update_policy_weights_()
             if len(batches) >= 10 and (batch["next", "policy_version"] > 0).all():
