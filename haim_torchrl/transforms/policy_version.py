@@ -14,7 +14,8 @@ class PolicyVersion(Transform):
     """Publishes the number of times that the policy was updated, as ``next.policy_version`` [1].
 
     The root entry of the same name, by which a session tells the version, is the number when the
-    step before ended: the newest policy that can have chosen the action.
+    step before ended: the policy that chose the action is at least as new. The number under
+    ``next`` may be of an update that came after the choice, while the step waited for its time.
 
     Args:
         count: tells the number; the learner may count it up in another process.

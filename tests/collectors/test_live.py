@@ -72,7 +72,8 @@ def test_hands_out_what_was_driven_while_the_learner_is_slow(actor):
     assert (times == 0.0).nonzero().squeeze(-1).tolist() == begins
     assert steps["next", "device_ok"].all()
     # The slow learner delays nobody: what came while it was away was driven by the old policy.
-    versions = steps["next", "policy_version"].squeeze(-1)
+    # An update may come while a step that was chosen before it waits for its time: the root counts.
+    versions = steps["policy_version"].squeeze(-1)
     assert (versions.diff() >= 0).all() and (versions[:21] == 0).all() and versions[-1] > 0
     proposed = steps["action_agent"][:, 0]
     assert (proposed[versions > 0] > 0.9).all() and (proposed[versions == 0] < 0.9).any()
