@@ -52,6 +52,8 @@ def _command(method: Method) -> str:
     parts = [command, f"seed={run.seed}"]
     if run.settings.total_frames is not None:
         parts.append(f"total_frames={run.settings.total_frames}")
+    if run.settings.demonstrations is not None:
+        parts.append(f"demonstrations={run.settings.demonstrations}")
     if run.settings.world not in (None, "platoon"):
         parts.append(f"env={run.settings.world}")
     return " ".join(parts)

@@ -25,11 +25,13 @@ class Settings:
         world: The world, such as ``platoon`` or ``metadrive``.
         total_frames: Environment steps asked for.
         digest: Short hash of all settings but :data:`INCIDENTAL` and those of the evaluation.
+        demonstrations: The dataset learned from; of a folder given in full, its name.
     """
 
     world: str | None = None
     total_frames: int | None = None
     digest: str | None = None
+    demonstrations: str | None = None
 
 
 def read_settings(folder: Path) -> Settings:
@@ -49,11 +51,12 @@ def read_settings(folder: Path) -> Settings:
         raise ValueError(f"{path} holds no settings")
     rest = {str(k): v for k, v in contents.items() if k not in INCIDENTAL | {"eval"}}
     text = json.dumps(rest, sort_keys=True, default=str)
-    frames = contents.get("total_frames")
+    frames, dataset = contents.get("total_frames"), contents.get("demonstrations")
     return Settings(
         _world(contents.get("env")),
         None if frames is None else int(frames),
         hashlib.sha256(text.encode()).hexdigest()[:12],
+        Path(dataset).name if dataset and Path(dataset).is_absolute() else dataset,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from haim_torchrl.report.effort import effort_table
 from haim_torchrl.report.gathering import gather
 from haim_torchrl.report.improvement import improvement_table
 from haim_torchrl.report.paper import figures, known, rows
+from haim_torchrl.report.runs import publish, read_published
 from haim_torchrl.report.table import ReportTable
 from haim_torchrl.report.tables import table1, table2
 
@@ -105,6 +107,21 @@ def test_effort_and_commands(folder: Path) -> None:
     haco, haim = (cells(table, place) for place in (0, 1))
     assert haco["minutes"] == "1.5" and haim["seeds"] == "0, 1, 2" and haim["paper"] == "65"
     assert haco["command"] == "python recipes/haim.py method=haco seed=0 total_frames=1000"
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"),
+    [("platoon/expert-v0", "platoon/expert-v0"), ("/data/of/mine/expert-v0", "expert-v0")],
+)
+def test_a_command_names_the_demonstrations(write_run: Writer, given: str, shown: str) -> None:
+    where = write_run("gail", 0, [1])
+    config = json.loads((where / "config.yaml").read_text())
+    (where / "config.yaml").write_text(json.dumps({**config, "demonstrations": given}))
+    gathered = gather([where.parent]).methods
+    published = read_published(publish(gathered["gail"].runs, where / "runs.json"))
+    assert published[0].settings.demonstrations == shown
+    command = cells(effort_table(gathered, resamples=RESAMPLES), 0)["command"]
+    assert command.endswith(f"algorithm=gail seed=0 total_frames=1000 demonstrations={shown}")
 
 
 def test_forms_of_a_table(tmp_path: Path) -> None:
