@@ -51,12 +51,12 @@ def read_settings(folder: Path) -> Settings:
         raise ValueError(f"{path} holds no settings")
     rest = {str(k): v for k, v in contents.items() if k not in INCIDENTAL | {"eval"}}
     text = json.dumps(rest, sort_keys=True, default=str)
-    frames, dataset = contents.get("total_frames"), contents.get("demonstrations")
+    frames = contents.get("total_frames")
     return Settings(
         _world(contents.get("env")),
         None if frames is None else int(frames),
         hashlib.sha256(text.encode()).hexdigest()[:12],
-        Path(dataset).name if dataset and Path(dataset).is_absolute() else dataset,
+        _dataset(contents.get("demonstrations")),
     )
 
 
@@ -73,3 +73,10 @@ def _world(env: Any) -> str | None:
         return None
     package = str(env["_target_"]).split(".")[-2:-1]
     return "platoon" if package in ([], ["envs"]) else package[0]
+
+
+def _dataset(given: Any) -> str | None:
+    """A dataset as others can name it: its id or relative folder, of a full path the last part."""
+    if given is None:
+        return None
+    return Path(str(given)).name if Path(str(given)).is_absolute() else str(given)
